@@ -1,0 +1,104 @@
+"""Barycentrics and interpolated vertex attributes of a visibility buffer; docs/numerics.md section 9."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .records import Records
+from .resolve import resolve
+
+
+class _Covered(NamedTuple):
+    """The covered pixels of one image, in row-major order."""
+
+    pixel: NDArray[np.int64]  # [P], flat index into the image
+    vertex: NDArray[np.int32]  # [P, 3], vertex of slot 0, 1, 2
+    corner: NDArray[np.int32]  # [P, 3], corner of the parent that slot 0, 1, 2 is
+    weight: NDArray[np.float32]  # [P, 3], perspective-correct weight of slot 0, 1, 2
+
+
+def barycentrics(packed: NDArray[np.int64], positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Weights of the visible triangle's corners 0, 1 and 2 at every pixel centre.
+
+    Args:
+        packed: int64 [H, W], as ``visibility`` leaves it.
+        positions: float32 [V, 4], the clip-space positions that it was drawn from.
+        triangles: int32 [T, 3].
+
+    Returns:
+        float32 [H, W, 3]; 0 on the background.
+    """
+    covered = _covered(packed, positions, triangles)
+    result = np.zeros((packed.size, 3), np.float32)
+    result[covered.pixel[:, None], covered.corner] = covered.weight
+    return result.reshape(*packed.shape, 3)
+
+
+def interpolate(
+    packed: NDArray[np.int64],
+    positions: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    attributes: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Perspective-correct vertex attributes at every pixel centre.
+
+    Args:
+        packed: int64 [H, W], as ``visibility`` leaves it.
+        positions: float32 [V, 4], the clip-space positions that it was drawn from.
+        triangles: int32 [T, 3].
+        attributes: float32 [V, C].
+
+    Returns:
+        float32 [H, W, C]; 0 on the background.
+    """
+    covered = _covered(packed, positions, triangles)
+    channels = attributes.shape[1]
+    result = np.zeros((packed.size, channels), np.float32)
+    term = [covered.weight[:, m, None] * attributes[covered.vertex[:, m]] for m in range(3)]
+    result[covered.pixel] = (term[0] + term[1]) + term[2]
+    return result.reshape(*packed.shape, channels)
+
+
+def _covered(packed: NDArray[np.int64], positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> _Covered:
+    records, record_index = resolve(packed, positions, triangles)
+    flat = record_index.reshape(-1)
+    pixel = np.flatnonzero(flat >= 0)
+    index = flat[pixel]
+    weight = _slot_weights(records, index, pixel % packed.shape[1], pixel // packed.shape[1])
+    corner = records.corner[index]
+    vertex = np.take_along_axis(triangles[records.triangle[index]], corner, axis=1)
+    return _Covered(pixel, vertex, corner, weight)
+
+
+def _slot_weights(
+    records: Records, index: NDArray[np.int64], x: NDArray[np.int64], y: NDArray[np.int64]
+) -> NDArray[np.float32]:
+    """float32 [P, 3]: the weights b of record ``index[p]``'s slots at the centre of pixel (x[p], y[p])."""
+    area = records.area[index].astype(np.float64)
+    screen = [edge.astype(np.float64) / area for edge in _edges(records.xy[index].astype(np.int64), x, y)]
+    w = records.w[index]
+    clipped = records.clipped[index]
+    constant_w = ~clipped & (w[:, 0] == w[:, 1]) & (w[:, 1] == w[:, 2])
+
+    u = [screen[k] / w[:, k] for k in range(3)]
+    # What a clipped record knows is its own corners; its weights lead from there to the parent's.
+    rows = records.weights[index]
+    v = [(u[0] * rows[:, 0, m] + u[1] * rows[:, 1, m]) + u[2] * rows[:, 2, m] for m in range(3)]
+    slot = [np.where(clipped, v[m], u[m]) for m in range(3)]
+    total = (slot[0] + slot[1]) + slot[2]
+    weight = [np.where(constant_w, screen[m], slot[m] / total) for m in range(3)]
+    return np.stack(weight, axis=1).astype(np.float32)
+
+
+def _edges(xy: NDArray[np.int64], x: NDArray[np.int64], y: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Three int64 [P]: unbiased edge values e_k (section 3) of triangles xy [P, 3, 2] at pixel centres; 49 bits and a sign."""
+    centre_x, centre_y = 256 * x + 128, 256 * y + 128
+    values = []
+    for k in range(3):
+        p, q = xy[:, (k + 1) % 3], xy[:, (k + 2) % 3]
+        d = q - p
+        values.append(d[:, 0] * (centre_y - p[:, 1]) - d[:, 1] * (centre_x - p[:, 0]))
+    return values

@@ -1,0 +1,98 @@
+"""Lambert shading and sRGB; the arithmetic is docs/numerics.md section 11."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import torch
+
+from . import arrays
+from .arrays import Array
+from .reference import shading as reference
+
+_ANY_NDIM = tuple(range(9))
+
+
+def lambert(
+    normals: Array, albedo: Array, ambient: Array, light_directions: Array, light_colors: Array, *, backend: str = "auto"
+) -> Array:
+    """Diffuse light: ``albedo * (ambient + sum of color * max(n . l, 0))``.
+
+    Args:
+        normals: float32 [..., 3], of any length; (0, 0, 0) gets the ambient light alone.
+        albedo: float32 [..., 3], linear.
+        ambient: float32 [3], linear.
+        light_directions: float32 [L, 3], towards the light, used as given: of unit length, unless a length is to scale the light.
+        light_colors: float32 [L, 3], linear.
+        backend: "auto", "reference" or "native"; the bits are the same.
+
+    Returns:
+        float32 [..., 3], linear; NumPy if ``normals`` is NumPy. Never requires grad.
+
+    Raises:
+        TypeError, ValueError: an argument of another dtype, shape or device; the text names it.
+    """
+    op = "lambert"
+    chosen = arrays.choose_backend(op, backend)
+    n = arrays.tensor(op, "normals", normals, torch.float32, "[..., 3]", _ANY_NDIM[1:])
+    arrays.size(op, "normals", n, -1, 3, "x, y, z")
+    base = arrays.tensor(op, "albedo", albedo, torch.float32, "[..., 3]", _ANY_NDIM[1:])
+    if base.shape != n.shape:
+        raise ValueError(f"bigtri.{op}: albedo must have normals' shape {list(n.shape)}, got {list(base.shape)}")
+    around = arrays.tensor(op, "ambient", ambient, torch.float32, "[3]", 1)
+    arrays.size(op, "ambient", around, 0, 3, "red, green, blue")
+    directions = arrays.tensor(op, "light_directions", light_directions, torch.float32, "[L, 3]", 2)
+    arrays.size(op, "light_directions", directions, 1, 3, "x, y, z")
+    colors = arrays.tensor(op, "light_colors", light_colors, torch.float32, "[L, 3]", 2)
+    arrays.size(op, "light_colors", colors, 1, 3, "red, green, blue")
+    arrays.size(op, "light_colors", colors, 0, directions.shape[0], "L, as in light_directions")
+    arrays.same_device(op, normals=n, albedo=base, ambient=around, light_directions=directions, light_colors=colors)
+
+    arguments = (n.reshape(-1, 3), base.reshape(-1, 3), around, directions, colors)
+    if chosen == "native":
+        result = torch.ops.bigtri.lambert(*arguments)
+    else:
+        result = arrays.on_reference(reference.lambert, *arguments)
+    return arrays.like(result.reshape(n.shape), normals)
+
+
+def encode_srgb(linear: Array, *, backend: str = "auto") -> Array:
+    """Linear light (float32, any shape) to 8-bit sRGB (uint8, the same shape), rounded to the nearest code.
+
+    Values outside [0, 1] saturate, NaN gives 0. NumPy if ``linear`` is NumPy.
+
+    Raises:
+        TypeError: not float32; the text says what came.
+    """
+    op = "encode_srgb"
+    chosen = arrays.choose_backend(op, backend)
+    values = arrays.tensor(op, "linear", linear, torch.float32, "[...]", _ANY_NDIM)
+    if chosen == "native":
+        result = torch.ops.bigtri.encode_srgb(values, _thresholds(values.device))
+    else:
+        result = arrays.on_reference(reference.encode_srgb, values)
+    return arrays.like(result, linear)
+
+
+def decode_srgb(encoded: Array, *, backend: str = "auto") -> Array:
+    """8-bit sRGB (uint8, any shape) to linear light (float32, the same shape, in [0, 1]). NumPy if ``encoded`` is NumPy.
+
+    It is a lookup in a table of 256 values, so that both backends do the same.
+
+    Raises:
+        TypeError: not uint8; the text says what came.
+    """
+    op = "decode_srgb"
+    arrays.choose_backend(op, backend)
+    codes = arrays.tensor(op, "encoded", encoded, torch.uint8, "[...]", _ANY_NDIM)
+    return arrays.like(_decoded(codes.device)[codes.long()], encoded)
+
+
+@lru_cache(maxsize=8)
+def _thresholds(device: torch.device) -> torch.Tensor:
+    return torch.tensor(reference.encode_thresholds(), device=device)
+
+
+@lru_cache(maxsize=8)
+def _decoded(device: torch.device) -> torch.Tensor:
+    return torch.tensor(reference.decode_table(), device=device)

@@ -1,0 +1,47 @@
+"""Texture lookups; the arithmetic is docs/numerics.md section 10."""
+
+from __future__ import annotations
+
+import torch
+
+from . import arrays
+from .arrays import Array
+from .reference import texture as reference
+
+FILTERS = ("bilinear", "nearest")
+WRAPS = ("repeat", "clamp")
+
+
+def sample_texture(texture: Array, uv: Array, *, filter: str = "bilinear", wrap: str = "repeat", backend: str = "auto") -> Array:
+    """Look ``uv`` up in ``texture``, without mipmaps.
+
+    Args:
+        texture: float32 [Ht, Wt, C], row 0 on top; linear light if it is to be shaded.
+        uv: float32 [..., 2]; (0, 0) is the lower left corner of the image, (1, 1) the upper right one.
+        filter: "bilinear" or "nearest".
+        wrap: what lies beyond [0, 1]: "repeat" or "clamp".
+        backend: "auto", "reference" or "native"; the bits are the same.
+
+    Returns:
+        float32 [..., C]; NumPy if ``uv`` is NumPy. A uv pair with a NaN or an infinity reads as (0, 0). Never requires grad.
+
+    Raises:
+        TypeError, ValueError: an argument of another dtype, shape or device, or an unknown name; the text names it.
+    """
+    op = "sample_texture"
+    chosen = arrays.choose_backend(op, backend)
+    arrays.choice(op, "filter", filter, FILTERS)
+    arrays.choice(op, "wrap", wrap, WRAPS)
+    texels = arrays.tensor(op, "texture", texture, torch.float32, "[Ht, Wt, C]", 3)
+    if texels.shape[0] == 0 or texels.shape[1] == 0:
+        raise ValueError(f"bigtri.{op}: texture must have at least one texel, got {list(texels.shape)}")
+    coordinates = arrays.tensor(op, "uv", uv, torch.float32, "[..., 2]", tuple(range(1, 9)))
+    arrays.size(op, "uv", coordinates, -1, 2, "u, v")
+    arrays.same_device(op, uv=coordinates, texture=texels)
+
+    flat = coordinates.reshape(-1, 2)
+    if chosen == "native":
+        result = torch.ops.bigtri.sample_texture(texels, flat, filter, wrap)
+    else:
+        result = arrays.on_reference(reference.sample_texture, texels, flat, filter, wrap)
+    return arrays.like(result.reshape(*coordinates.shape[:-1], texels.shape[2]), uv)
