@@ -1,0 +1,189 @@
+"""Homogeneous clipping against the near plane, the guard band and the depth limit; docs/numerics.md 2.1.
+
+All polygons are cut at once. Their vertices lie one after the other in flat arrays of M vertices, each with the number of its
+polygon, so that a polygon may have as many vertices as it happens to get.
+
+A cut through an original edge is always computed from the ends of that original edge, never from an already cut piece. Two
+triangles that share the edge thus get the same new vertex, bit for bit, and no gap opens between them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .numerics import GUARD, HALF
+
+X, Y, Z, W = range(4)
+NEAR, X_LOW, X_HIGH, Y_LOW, Y_HIGH, DEPTH = range(6)
+
+# Slot k begins edge k and ends edge (k + 2) mod 3; sets of edges and of planes are bit masks.
+_EDGES_OF_SLOT = np.array([0b101, 0b011, 0b110], np.uint8)
+_LOWEST_EDGE = np.array([0, 0, 1, 0, 2, 0, 1, 0])  # of a set of edges; that of the empty set is not used
+
+
+class Plane(NamedTuple):
+    """The half-space ``a * position[p] + b * position[q] >= 0``."""
+
+    p: int
+    a: float
+    q: int
+    b: float
+
+    def distance(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """[...] of ``position`` [..., 4]; exact in sign for float32 positions, whose products have at most 48 bits."""
+        return self.a * position[..., self.p] + self.b * position[..., self.q]
+
+
+class Polygons(NamedTuple):
+    """The vertices of all polygons, polygon after polygon, each in order."""
+
+    owner: NDArray[np.int64]  # [M], the polygon, ascending
+    position: NDArray[np.float64]  # [M, 4], clip space
+    weights: NDArray[np.float64]  # [M, 3], >= 0, homogeneous: position = sum of weights[m] * slot m up to rounding
+    edges: NDArray[np.uint8]  # [M], set of the original edges that the vertex lies on
+    made: NDArray[np.uint8]  # [M], set of the planes that made it; 0 for an original vertex
+
+
+def clip_planes(height: int, width: int) -> tuple[Plane, ...]:
+    """The six planes in the order of the specification.
+
+    The guard planes say that 128W * (x/w + 1), the snapped X, lies in [-2^23, 2^23 - 1], and the same for Y, which points down.
+    """
+    half_w, half_h = float(HALF * width), float(HALF * height)
+    return (
+        Plane(Z, 1.0, W, 1.0),
+        Plane(X, half_w, W, half_w + GUARD),
+        Plane(W, GUARD - 1 - half_w, X, -half_w),
+        Plane(W, half_h + GUARD, Y, -half_h),
+        Plane(W, GUARD - 1 - half_h, Y, half_h),
+        Plane(W, 4.0, Z, -1.0),  # keeps z/w finite
+    )
+
+
+def clip(corners: NDArray[np.float64], planes: tuple[Plane, ...]) -> tuple[Polygons, NDArray[np.int64]]:
+    """Clips the triangles ``corners`` [C, 3, 4] that some plane cuts.
+
+    Returns:
+        The polygons, of at least 3 vertices with w > 0 each; a triangle of which nothing is left has none.
+        int64 [C, 3], the corner of the triangle that slot m is.
+    """
+    corner = (_smallest_corner(corners)[:, None] + np.arange(3)) % 3  # [C, 3]
+    slots = np.take_along_axis(corners, corner[:, :, None], axis=1)  # [C, 3, 4]
+    count = len(corners)
+    polygons = Polygons(
+        owner=np.repeat(np.arange(count), 3),
+        position=slots.reshape(-1, 4),
+        weights=np.tile(np.eye(3), (count, 1)),
+        edges=np.tile(_EDGES_OF_SLOT, count),
+        made=np.zeros(3 * count, np.uint8),
+    )
+    for number, plane in enumerate(planes):
+        polygons = _cut(polygons, slots, plane, number)
+    return _drawable(polygons, count), corner
+
+
+def _smallest_corner(corners: NDArray[np.float64]) -> NDArray[np.int64]:
+    """int64 [C]: the corner of ``corners`` [C, 3, 4] with the lexicographically smallest position, the first one on a tie."""
+    smallest = np.zeros(len(corners), np.int64)
+    for k in (1, 2):
+        so_far = corners[np.arange(len(corners)), smallest]
+        smallest[_precedes(corners[:, k], so_far)] = k
+    return smallest
+
+
+def _precedes(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """bool [M]: whether row ``a`` [M, 4] is lexicographically smaller than row ``b`` [M, 4]."""
+    row = np.arange(len(a))
+    decisive = np.argmax(a != b, axis=1)  # 0 where the rows are equal, and then not smaller
+    return a[row, decisive] < b[row, decisive]
+
+
+def _cut(polygons: Polygons, slots: NDArray[np.float64], plane: Plane, number: int) -> Polygons:
+    """Cuts all polygons with one plane; those of triangles wholly inside it stay as they are."""
+    crosses = (plane.distance(slots) < 0).any(axis=1)  # [C]
+    distance = plane.distance(polygons.position)  # [M]
+    inside = (distance >= 0) | ~crosses[polygons.owner]
+    following = _following(polygons.owner)
+    a = np.flatnonzero(inside != inside[following])  # the polygon edges a -> b that the plane crosses
+    made = _crossing_vertices(polygons, a, following[a], distance, slots, plane, number)
+    # The vertex made on the edge that begins at vertex i comes right behind it, so they get the sort keys 2i + 1 and 2i.
+    order = np.argsort(np.concatenate([2 * np.flatnonzero(inside), 2 * a + 1]))
+    return Polygons(*(np.concatenate([old[inside], new])[order] for old, new in zip(polygons, made, strict=True)))
+
+
+def _following(owner: NDArray[np.int64]) -> NDArray[np.int64]:
+    """int64 [M]: the next vertex of the same polygon, round and round."""
+    following = np.arange(1, len(owner) + 1)
+    start, end = _extent(owner)
+    following[end - 1] = start
+    return following
+
+
+def _extent(owner: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Begin and end of each run of equal ``owner`` [M]: of each polygon's vertices."""
+    change = np.flatnonzero(owner[1:] != owner[:-1]) + 1
+    bounds = np.concatenate([[0], change, [len(owner)]]) if len(owner) else np.zeros(1, np.int64)
+    return bounds[:-1], bounds[1:]
+
+
+def _crossing_vertices(
+    polygons: Polygons,
+    a: NDArray[np.int64],
+    b: NDArray[np.int64],
+    distance: NDArray[np.float64],
+    slots: NDArray[np.float64],
+    plane: Plane,
+    number: int,
+) -> Polygons:
+    """The vertices on the polygon edges from vertex a[i] to vertex b[i], exactly one of which is inside the plane."""
+    owner = polygons.owner[a]
+    edges = polygons.edges[a] & polygons.edges[b]
+    j = _LOWEST_EDGE[edges]
+    p, q = slots[owner, j], slots[owner, (j + 1) % 3]
+    original = (edges != 0) & ((plane.distance(p) >= 0) != (plane.distance(q) >= 0))
+
+    position, weights = _between_new_vertices(polygons, a, b, distance)
+    position[original], weights[original] = _on_original_edge(p[original], q[original], j[original], plane)
+    made = (polygons.made[a] & polygons.made[b]) | np.uint8(1 << number)
+    return Polygons(owner, position, weights, edges, made)
+
+
+def _on_original_edge(
+    p: NDArray[np.float64], q: NDArray[np.float64], j: NDArray[np.int64], plane: Plane
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions [M, 4] and weights [M, 3] where the plane cuts the original edges j [M] from p to q [M, 4].
+
+    The point is |dq| * p + |dp| * q with the distances dp, dq written out. Its products of two float32 components are exact.
+    """
+    position = plane.a * (q * p[:, [plane.p]] - q[:, [plane.p]] * p) + plane.b * (q * p[:, [plane.q]] - q[:, [plane.q]] * p)
+    dp, dq = plane.distance(p), plane.distance(q)
+    position = np.where(dp[:, None] < 0, -position, position)
+    row = np.arange(len(j))
+    weights = np.zeros((len(j), 3))
+    weights[row, j] = np.abs(dq)
+    weights[row, (j + 1) % 3] = np.abs(dp)
+    # A power of two changes no mantissa; it keeps later products far from overflow.
+    exponent = -np.frexp(np.abs(dp) + np.abs(dq))[1][:, None]
+    return np.ldexp(position, exponent), np.ldexp(weights, exponent)
+
+
+def _between_new_vertices(
+    polygons: Polygons, a: NDArray[np.int64], b: NDArray[np.int64], distance: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions [M, 4] and weights [M, 3] on the polygon edges a -> b, the same for either direction."""
+    swap = _precedes(polygons.position[b], polygons.position[a])
+    a, b = np.where(swap, b, a), np.where(swap, a, b)
+    t = (distance[a] / (distance[a] - distance[b]))[:, None]
+    position, weights = (v[a] + (v[b] - v[a]) * t for v in (polygons.position, polygons.weights))
+    return position, weights
+
+
+def _drawable(polygons: Polygons, count: int) -> Polygons:
+    """Without the polygons of fewer than 3 vertices and those with a vertex at w <= 0."""
+    sizes = np.bincount(polygons.owner, minlength=count)
+    behind = np.bincount(polygons.owner[polygons.position[:, W] <= 0], minlength=count)
+    keep = ((sizes >= 3) & (behind == 0))[polygons.owner]
+    return Polygons(*(field[keep] for field in polygons))

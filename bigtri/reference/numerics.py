@@ -1,0 +1,78 @@
+"""The constants and the few formulas that more than one stage needs; docs/numerics.md sections 1 and 3.
+
+"px" is a pixel, "subpx" is 1/256 px. Bit widths are stated where they matter: everything here is int64 and stays below 2^52.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+SUBPIXEL_BITS = 8
+SUBPIXEL = 1 << SUBPIXEL_BITS  # subpx per px
+HALF = SUBPIXEL // 2  # a pixel centre lies half a pixel into its pixel, subpx
+GUARD = 1 << 23  # snapped coordinates lie in [-GUARD, GUARD - 1] subpx, 2^15 px to either side of the screen's corner
+MAX_SIZE = 16384  # px; 2^14, so that the whole screen lies in the inner half of the guard band
+BIN = 64  # px; the largest power of two for which the edge function fits int32 inside a bin that the edge crosses
+TILE = 8  # px; a bin's 8x8 tiles fill the 64 bits of one mask
+TILES = BIN // TILE  # tiles per bin and direction
+LARGE_THRESHOLD = 4000  # px of bbox; about one bin (64 * 64 = 4096): below it, a record is not worth a queue entry
+BACKGROUND = 2**63 - 1  # the largest int64: loses against every fragment, whether compared as signed or as unsigned
+THIN_RATIO = 32  # thin: 256 * sum(|dx| + |dy|) > 32 * A, a height of less than about 1/16 px
+
+
+class Edges(NamedTuple):
+    """The three directed edges of triangles; edge k is opposite vertex k and runs from vertex k+1 to vertex k+2 (mod 3)."""
+
+    x: NDArray[np.int64]  # [..., 3], the edge's first end, subpx
+    y: NDArray[np.int64]  # [..., 3]
+    dx: NDArray[np.int64]  # [..., 3], from the first end to the second, subpx, 24 bits and a sign
+    dy: NDArray[np.int64]  # [..., 3]
+    bias: NDArray[np.int64]  # [..., 3], 0 where the edge owns the samples on it, else -1
+
+
+def edges_of(xy: NDArray[np.int32]) -> Edges:
+    """Edges of the positively oriented triangles ``xy`` [..., 3, 2], subpx, with the top-left rule as a bias."""
+    wide = xy.astype(np.int64)
+    x, y = wide[..., [1, 2, 0], 0], wide[..., [1, 2, 0], 1]
+    dx = wide[..., [2, 0, 1], 0] - x
+    dy = wide[..., [2, 0, 1], 1] - y
+    owns = (dy < 0) | ((dy == 0) & (dx > 0))  # left, or top
+    return Edges(x, y, dx, dy, owns.astype(np.int64) - 1)
+
+
+def edge_values(edges: Edges, px: NDArray[np.int64], py: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The unbiased edge functions e_k [..., 3] at the centres of the pixels (px, py) [...].
+
+    In subpx^2. Two products of a 25 bit difference and a 25 bit difference: 51 bits and a sign, exact in float64 too.
+    """
+    sample_x = SUBPIXEL * np.asarray(px, np.int64)[..., None] + HALF
+    sample_y = SUBPIXEL * np.asarray(py, np.int64)[..., None] + HALF
+    return edges.dx * (sample_y - edges.y) - edges.dy * (sample_x - edges.x)
+
+
+def stepped_values(edges: Edges, px: NDArray[np.int64], py: NDArray[np.int64]) -> NDArray[np.int64]:
+    """f = floor((e + bias) / 256) [..., 3] at the centres of the pixels (px, py) [...]; covered where all three are >= 0.
+
+    A step of one pixel changes e by a multiple of 256, hence f by exactly -dy in x and +dx in y.
+    """
+    return (edge_values(edges, px, py) + edges.bias) >> SUBPIXEL_BITS
+
+
+def rise(edges: Edges, size: int) -> NDArray[np.int64]:
+    """How far each f [..., 3] rises at most from the first pixel centre of a square of size x size px to another one in it."""
+    return (size - 1) * (np.maximum(-edges.dy, 0) + np.maximum(edges.dx, 0))
+
+
+def fall(edges: Edges, size: int) -> NDArray[np.int64]:
+    """How far each f [..., 3] falls at most, as a number >= 0; see ``rise``."""
+    return (size - 1) * (np.maximum(edges.dy, 0) + np.maximum(-edges.dx, 0))
+
+
+def ramp(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """0, 1, ..., counts[0] - 1, 0, 1, ..., counts[1] - 1, ...: the position within its group of each of sum(counts) elements."""
+    ends = np.cumsum(counts, dtype=np.int64)
+    total = int(ends[-1]) if ends.size else 0
+    return np.arange(total, dtype=np.int64) - np.repeat(ends - counts, counts)

@@ -1,0 +1,200 @@
+"""Setup: from clip-space triangles to oriented, snapped records; docs/numerics.md section 2."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .clip import NEAR, X_HIGH, X_LOW, Y_HIGH, Y_LOW, Polygons, W, X, Y, Z, clip, clip_planes
+from .numerics import GUARD, HALF, SUBPIXEL, SUBPIXEL_BITS, ramp
+from .records import Records
+
+Scissor = tuple[int, int, int, int]  # x0, y0, x1, y1, px, half-open
+
+
+class _Snapped(NamedTuple):
+    """Triangles on the sub-pixel grid, not yet oriented: whole triangles and the sub-triangles of clipped ones."""
+
+    triangle: NDArray[np.int64]  # [N]
+    xy: NDArray[np.int64]  # [N, 3, 2], subpx
+    z: NDArray[np.float32]  # [N, 3]
+    w: NDArray[np.float64]  # [N, 3]
+    corner: NDArray[np.int64]  # [N, 3]
+    weights: NDArray[np.float64]  # [N, 3, 3]
+    clipped: NDArray[np.bool_]  # [N]
+
+
+def setup(
+    positions: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    height: int,
+    width: int,
+    cull: str = "none",
+    scissor: Scissor | None = None,
+) -> tuple[Records, int]:
+    """Clips, projects, snaps, orients and culls triangles.
+
+    Args:
+        positions: float32 [V, 4], clip space.
+        triangles: int32 [T, 3], valid indices into ``positions``.
+        height, width: the image's size, px.
+        cull: "none", "back" or "front": the faces that are not drawn.
+        scissor: x0, y0, x1, y1, px, half-open: the part of the image that is drawn to.
+
+    Returns:
+        The records in the order of (triangle, fan position), and the number of triangles dropped for a NaN or an infinity.
+    """
+    corners = positions[triangles]  # f32 [T, 3, 4]
+    finite = np.isfinite(corners).all(axis=(1, 2))
+    planes = clip_planes(height, width)
+    with np.errstate(invalid="ignore"):  # of triangles that are dropped
+        inside = np.stack([plane.distance(corners.astype(np.float64)) >= 0 for plane in planes], axis=-1)  # [T, 3, 6]
+    candidate = finite & inside.any(axis=1).all(axis=1)  # not wholly outside one plane
+    uncut = inside.all(axis=(1, 2))
+
+    # Inside all planes w >= 0, and w = 0 only at the origin of clip space, which is nowhere on the screen.
+    whole = np.flatnonzero(candidate & uncut & (corners[:, :, W] > 0).all(axis=1))
+    parts = [_snap_whole(whole, corners[whole], height, width)]
+    cut = np.flatnonzero(candidate & ~uncut)
+    if cut.size:
+        polygons, corner = clip(corners[cut].astype(np.float64), planes)
+        parts.append(_snap_polygons(cut, polygons, corner, height, width))
+    snapped = _Snapped(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
+    order = np.argsort(snapped.triangle, kind="stable")  # stable: sub-triangles stay in fan order
+    snapped = _Snapped(*(field[order] for field in snapped))
+    return _records(snapped, height, width, cull, scissor), int(len(finite) - finite.sum())
+
+
+def _snap_whole(triangle: NDArray[np.int64], corners: NDArray[np.float32], height: int, width: int) -> _Snapped:
+    """Triangles ``corners`` [N, 3, 4] that no plane cuts."""
+    count = len(triangle)
+    return _Snapped(
+        triangle,
+        _snap(corners.astype(np.float64), height, width),
+        _window_depth(corners[..., Z], corners[..., W]),  # float32 throughout
+        corners[..., W].astype(np.float64),
+        corner=np.tile(np.arange(3), (count, 1)),
+        weights=np.tile(np.eye(3), (count, 1, 1)),
+        clipped=np.zeros(count, np.bool_),
+    )
+
+
+def _snap(position: NDArray[np.float64], height: int, width: int) -> NDArray[np.int64]:
+    """int64 [..., 2]: clip-space ``position`` [..., 4], w > 0, on the sub-pixel grid, y down, within the guard band."""
+    half_w, half_h = HALF * width, HALF * height  # the viewport's centre, subpx
+    with np.errstate(over="ignore"):  # infinity is clamped too
+        x = np.rint(position[..., X] / position[..., W] * half_w)
+        y = np.rint(position[..., Y] / position[..., W] * half_h)
+    x = np.clip(x, -GUARD - half_w, GUARD - 1 - half_w).astype(np.int64)
+    y = np.clip(y, half_h - GUARD + 1, half_h + GUARD).astype(np.int64)
+    return np.stack([half_w + x, half_h - y], axis=-1)
+
+
+def _snap_polygons(
+    triangle: NDArray[np.int64], polygons: Polygons, corner: NDArray[np.int64], height: int, width: int
+) -> _Snapped:
+    """The fans of clipped ``polygons``; ``triangle`` [C] and ``corner`` [C, 3] are by owner."""
+    xy = _snap_clipped(polygons, height, width)  # [M, 2]
+    z = _clipped_depth(polygons)  # [M]
+    w = polygons.position[:, W]
+    fan = _fans(polygons.owner, xy, z, w)  # [N, 3]
+    owner = polygons.owner[fan[:, 0]]
+    return _Snapped(
+        triangle[owner], xy[fan], z[fan], w[fan], corner[owner], polygons.weights[fan], clipped=np.ones(len(fan), np.bool_)
+    )
+
+
+def _snap_clipped(polygons: Polygons, height: int, width: int) -> NDArray[np.int64]:
+    """int64 [M, 2]: ``_snap``, but a vertex that a guard plane made lies on that plane exactly."""
+    xy = _snap(polygons.position, height, width)
+    for plane, axis, value in ((X_LOW, 0, -GUARD), (X_HIGH, 0, GUARD - 1), (Y_LOW, 1, -GUARD), (Y_HIGH, 1, GUARD - 1)):
+        xy[_made_by(polygons, plane), axis] = value
+    return xy
+
+
+def _clipped_depth(polygons: Polygons) -> NDArray[np.float32]:
+    """float32 [M]: window depth; that of an original vertex as an unclipped triangle would have it, +0 on the near plane."""
+    z, w = polygons.position[:, Z], polygons.position[:, W]
+    depth = _window_depth(z, w).astype(np.float32)
+    original = polygons.made == 0
+    depth[original] = _window_depth(z[original].astype(np.float32), w[original].astype(np.float32))
+    depth[_made_by(polygons, NEAR)] = 0
+    return depth
+
+
+def _window_depth(z: NDArray[np.floating], w: NDArray[np.floating]) -> NDArray[np.floating]:
+    """0 at the near plane, 1 at the far one; in the precision of its arguments, each operation rounded to it."""
+    with np.errstate(over="ignore", under="ignore"):
+        return (z / w) * 0.5 + 0.5
+
+
+def _made_by(polygons: Polygons, plane: int) -> NDArray[np.bool_]:
+    """bool [M]: whether the plane is in the set of planes that made the vertex."""
+    return (polygons.made >> plane) & 1 == 1
+
+
+def _fans(owner: NDArray[np.int64], xy: NDArray[np.int64], z: NDArray[np.float32], w: NDArray[np.float64]) -> NDArray[np.int64]:
+    """int64 [N, 3]: the vertices of each sub-triangle, fanned out from each polygon's smallest (X, Y, z, w).
+
+    The first vertex depends on the polygon alone, not on where the clipper began, so neither does the cut into triangles.
+    """
+    _, start, size = np.unique(owner, return_index=True, return_counts=True)
+    # A stable sort by owner first, so that every polygon's vertices keep their places and the smallest one comes first.
+    first = np.lexsort((w, z, xy[:, 1], xy[:, 0], owner))[start] - start
+    k = ramp(size - 2)
+    start, size, first = (np.repeat(v, size - 2) for v in (start, size, first))
+    return np.stack([start + (first + offset) % size for offset in (0 * k, k + 1, k + 2)], axis=1)
+
+
+def _records(snapped: _Snapped, height: int, width: int, cull: str, scissor: Scissor | None) -> Records:
+    """Orients the triangles, and leaves out those that are culled, have no area, or whose bbox holds no pixel."""
+    area = _twice_area(snapped.xy)
+    bbox = _bbox(snapped.xy, height, width, scissor)
+    drawn = (area != 0) & (bbox[:, 0] < bbox[:, 2]) & (bbox[:, 1] < bbox[:, 3])
+    if cull == "back":
+        drawn &= area < 0  # y points down: clockwise is positive
+    elif cull == "front":
+        drawn &= area > 0
+    area, bbox = area[drawn], bbox[drawn]
+    snapped = _Snapped(*(field[drawn] for field in snapped))
+
+    vertex = _vertex_order(snapped.xy, area)  # [N, 3]
+    row = np.arange(len(area))[:, None]
+    clipped = snapped.clipped[:, None]
+    return Records(
+        triangle=snapped.triangle.astype(np.int32),
+        xy=snapped.xy[row, vertex].astype(np.int32),
+        z=snapped.z[row, vertex],
+        area=np.abs(area),
+        bbox=bbox.astype(np.int32),
+        w=snapped.w[row, vertex],
+        corner=np.where(clipped, snapped.corner, snapped.corner[row, vertex]).astype(np.int32),
+        weights=np.where(clipped[:, :, None], snapped.weights[row, vertex], snapped.weights),
+        clipped=snapped.clipped,
+    )
+
+
+def _twice_area(xy: NDArray[np.int64]) -> NDArray[np.int64]:
+    """int64 [N]: twice the signed area of ``xy`` [N, 3, 2], subpx^2; > 0 is clockwise on the screen. 49 bits and a sign."""
+    ab, ac = xy[:, 1] - xy[:, 0], xy[:, 2] - xy[:, 0]
+    return ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+
+
+def _bbox(xy: NDArray[np.int64], height: int, width: int, scissor: Scissor | None) -> NDArray[np.int64]:
+    """int64 [N, 4]: x0, y0, x1, y1 of the pixels whose centres lie within the bounds of ``xy``, cut to screen and scissor."""
+    x0, y0, x1, y1 = (0, 0, width, height) if scissor is None else scissor
+    first = (xy.min(axis=1) - HALF + SUBPIXEL - 1) >> SUBPIXEL_BITS  # ceil
+    end = ((xy.max(axis=1) - HALF) >> SUBPIXEL_BITS) + 1  # floor
+    first = np.maximum(first, [max(x0, 0), max(y0, 0)])
+    end = np.minimum(end, [min(x1, width), min(y1, height)])
+    return np.concatenate([first, end], axis=1)
+
+
+def _vertex_order(xy: NDArray[np.int64], area: NDArray[np.int64]) -> NDArray[np.int64]:
+    """int64 [N, 3]: the vertices in the order that makes the area positive and puts the smallest (X, Y) first."""
+    order = np.where(area[:, None] < 0, [0, 2, 1], [0, 1, 2])
+    key = (xy[..., 0] << 25) + xy[..., 1]  # |Y| <= 2^23 < 2^24, so X decides first; no two vertices are equal
+    first = np.argmin(np.take_along_axis(key, order, axis=1), axis=1)
+    return np.take_along_axis(order, (first[:, None] + np.arange(3)) % 3, axis=1)

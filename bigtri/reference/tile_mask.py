@@ -1,0 +1,52 @@
+"""Tile masks: which of a bin's 8x8 tiles a record may touch, and which it fills; docs/numerics.md section 5."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .numerics import BIN, TILE, TILES, edges_of, fall, rise, stepped_values
+from .records import Records
+
+
+def tile_mask(records: Records, queue: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Tests the 8x8 tiles of 8x8 px of each queue entry's bin.
+
+    Args:
+        records: N records.
+        queue: int32 [Q, 3], (record, bin column, bin row).
+
+    Returns:
+        ``touched`` and ``full``, int64 [Q] each, 64-bit patterns with bit ``8 * row + column``: no edge has the whole tile
+        outside and the tile meets the bbox; and: every edge has all of the tile's 64 pixel centres inside. An entry that touches
+        no tile stays in the arrays, as 0.
+    """
+    edges = edges_of(records.xy[queue[:, 0]])
+    corner = stepped_values(edges, BIN * queue[:, 1].astype(np.int64), BIN * queue[:, 2].astype(np.int64))  # [Q, 3]
+    tile = TILE * np.arange(TILES)  # px from the bin's first pixel
+    # f at each tile's first pixel centre: [Q, row, column, 3]
+    f = (
+        corner[:, None, None]
+        + edges.dx[:, None, None] * tile[None, :, None, None]
+        - edges.dy[:, None, None] * tile[None, None, :, None]
+    )
+    touched = (f + rise(edges, TILE)[:, None, None] >= 0).all(axis=3) & _meets_bbox(records, queue)
+    full = (f - fall(edges, TILE)[:, None, None] >= 0).all(axis=3) & touched
+    return _as_bits(touched), _as_bits(full)
+
+
+def _meets_bbox(records: Records, queue: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """bool [Q, row, column]: whether the tile has a pixel in common with the record's bbox."""
+    bbox = records.bbox[queue[:, 0]]
+    tile = TILE * np.arange(TILES)
+    x = BIN * queue[:, 1, None] + tile  # [Q, column], px
+    y = BIN * queue[:, 2, None] + tile  # [Q, row], px
+    meets_x = (x < bbox[:, 2, None]) & (x + TILE > bbox[:, 0, None])
+    meets_y = (y < bbox[:, 3, None]) & (y + TILE > bbox[:, 1, None])
+    return meets_y[:, :, None] & meets_x[:, None, :]
+
+
+def _as_bits(flags: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """int64 [Q] of bool [Q, row, column]; little-endian by construction, so that tile 0 is bit 0 on any machine."""
+    octets = np.packbits(flags.reshape(-1, TILES * TILES), axis=1, bitorder="little")  # uint8 [Q, 8]
+    return octets.view("<i8").reshape(-1).astype(np.int64)
