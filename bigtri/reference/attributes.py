@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .numerics import edge_values, edges_of
 from .records import Records
 from .resolve import resolve
 
@@ -78,7 +79,8 @@ def _slot_weights(
 ) -> NDArray[np.float32]:
     """float32 [P, 3]: the weights b of record ``index[p]``'s slots at the centre of pixel (x[p], y[p])."""
     area = records.area[index].astype(np.float64)
-    screen = [edge.astype(np.float64) / area for edge in _edges(records.xy[index].astype(np.int64), x, y)]
+    edges = edge_values(edges_of(records.xy[index]), x, y).astype(np.float64)
+    screen = [edges[:, k] / area for k in range(3)]
     w = records.w[index]
     clipped = records.clipped[index]
     constant_w = ~clipped & (w[:, 0] == w[:, 1]) & (w[:, 1] == w[:, 2])
@@ -91,14 +93,3 @@ def _slot_weights(
     total = (slot[0] + slot[1]) + slot[2]
     weight = [np.where(constant_w, screen[m], slot[m] / total) for m in range(3)]
     return np.stack(weight, axis=1).astype(np.float32)
-
-
-def _edges(xy: NDArray[np.int64], x: NDArray[np.int64], y: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Three int64 [P]: unbiased edge values e_k (section 3) of triangles xy [P, 3, 2] at pixel centres; 49 bits and a sign."""
-    centre_x, centre_y = 256 * x + 128, 256 * y + 128
-    values = []
-    for k in range(3):
-        p, q = xy[:, (k + 1) % 3], xy[:, (k + 2) % 3]
-        d = q - p
-        values.append(d[:, 0] * (centre_y - p[:, 1]) - d[:, 1] * (centre_x - p[:, 0]))
-    return values

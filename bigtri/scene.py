@@ -1,0 +1,257 @@
+"""What is drawn: geometry, materials and lights as plain arrays. ``load_scene`` makes one from a file."""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import Vector
+from .texture import FILTERS, WRAPS
+
+CULLS = ("none", "back", "front")
+FILE_KINDS = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """How a surface looks. Its colour is base_color * texture * interpolated vertex colour, as far as it has them.
+
+    Attributes:
+        name: for people.
+        base_color: linear red, green, blue.
+        texture: float32 [Ht, Wt, 3], linear, row 0 on top, or None.
+        wrap, filter: how the texture is read: "repeat" or "clamp", "bilinear" or "nearest".
+        vertex_colors: whether the scene's vertex colours apply.
+        smooth: whether normals are interpolated from the vertices; otherwise each triangle is flat.
+        two_sided: whether a back face is lit as if its normal pointed at the viewer. Open surfaces need it.
+    """
+
+    name: str = "material"
+    base_color: Vector = (1.0, 1.0, 1.0)
+    texture: NDArray[np.float32] | None = None
+    wrap: str = "repeat"
+    filter: str = "bilinear"
+    vertex_colors: bool = False
+    smooth: bool = True
+    two_sided: bool = True
+
+    def __post_init__(self) -> None:
+        if self.texture is not None:
+            _check("texture", self.texture, np.float32, "Ht", "Wt", 3)
+        if self.wrap not in WRAPS:
+            raise ValueError(f"bigtri.Material: wrap must be one of {WRAPS}, got {self.wrap!r}")
+        if self.filter not in FILTERS:
+            raise ValueError(f"bigtri.Material: filter must be one of {FILTERS}, got {self.filter!r}")
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light from infinitely far away.
+
+    Attributes:
+        direction: towards the light, world space; made a unit vector.
+        color: linear red, green, blue.
+    """
+
+    direction: Vector
+    color: Vector = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        x, y, z = self.direction
+        length = math.sqrt((x * x + y * y) + z * z)
+        if not 0 < length < math.inf:
+            raise ValueError(f"bigtri.Light: direction must be finite and not zero, got {self.direction}")
+        object.__setattr__(self, "direction", (x / length, y / length, z / length))
+
+
+# A warm key from above the camera's right shoulder and a cool fill from the other side: with the ambient light they stay below
+# white on a white surface, so that nothing saturates.
+DEFAULT_LIGHTS = (Light((0.5, 0.9, 0.7), (0.72, 0.69, 0.63)), Light((-0.8, 0.25, -0.35), (0.16, 0.19, 0.24)))
+DEFAULT_AMBIENT: Vector = (0.16, 0.17, 0.19)
+DEFAULT_BACKGROUND = ((0.52, 0.62, 0.76), (0.86, 0.88, 0.90))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything to be drawn, in world space. Arrays are NumPy.
+
+    Attributes:
+        positions: float32 [V, 3].
+        triangles: int32 [T, 3]; counter-clockwise from the front.
+        normals: float32 [V, 3], or None: everything is flat.
+        uvs: float32 [V, 2], (0, 0) at the lower left of the texture, or None: nothing is textured.
+        colors: float32 [V, 3], linear, or None.
+        material: int32 [T], indices into ``materials``.
+        materials: at least one.
+        lights: any number of them; without any the ambient light is all there is.
+        ambient: linear red, green, blue.
+        background: linear colours at the top and at the bottom of the picture, blended in between.
+        cull: "none", "back" or "front": which faces are not drawn.
+
+    Raises:
+        TypeError, ValueError: arrays that do not belong together; the text names the attribute.
+    """
+
+    positions: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    normals: NDArray[np.float32] | None = None
+    uvs: NDArray[np.float32] | None = None
+    colors: NDArray[np.float32] | None = None
+    material: NDArray[np.int32] = field(default=None)  # type: ignore[assignment]
+    materials: tuple[Material, ...] = (Material(),)
+    lights: tuple[Light, ...] = DEFAULT_LIGHTS
+    ambient: Vector = DEFAULT_AMBIENT
+    background: tuple[Vector, Vector] = DEFAULT_BACKGROUND
+    cull: str = "none"
+
+    def __post_init__(self) -> None:
+        vertices, faces = len(self.positions), len(self.triangles)
+        _check("positions", self.positions, np.float32, "V", 3)
+        _check("triangles", self.triangles, np.int32, "T", 3)
+        for name, channels in (("normals", 3), ("uvs", 2), ("colors", 3)):
+            if getattr(self, name) is not None:
+                _check(name, getattr(self, name), np.float32, vertices, channels)
+        if self.material is None:
+            object.__setattr__(self, "material", np.zeros(faces, np.int32))
+        _check("material", self.material, np.int32, faces)
+        object.__setattr__(self, "materials", tuple(self.materials))
+        object.__setattr__(self, "lights", tuple(self.lights))
+        if faces and not (0 <= self.material.min() and self.material.max() < len(self.materials)):
+            raise ValueError(f"bigtri.Scene: material must index the {len(self.materials)} materials, got {self.material.max()}")
+        if faces and not (0 <= self.triangles.min() and self.triangles.max() < vertices):
+            raise ValueError(f"bigtri.Scene: triangles must index the {vertices} positions, got {self.triangles.max()}")
+        if self.cull not in CULLS:
+            raise ValueError(f"bigtri.Scene: cull must be one of {CULLS}, got {self.cull!r}")
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """float64 [2, 3]: the lowest and the highest corner of what the triangles use; zeros for an empty scene."""
+        used = self.positions[self.triangles.reshape(-1)].astype(np.float64)
+        used = used[np.isfinite(used).all(axis=1)]
+        return np.stack([used.min(axis=0), used.max(axis=0)]) if len(used) else np.zeros((2, 3))
+
+    @property
+    def used_materials(self) -> tuple[int, ...]:
+        """The materials that a triangle has, rising."""
+        return tuple(np.unique(self.material).tolist())
+
+    def with_(self, **changes: Any) -> Scene:
+        """A copy with other attributes."""
+        return replace(self, **changes)
+
+
+def merge(scenes: Sequence[Scene]) -> Scene:
+    """One scene with the geometry and materials of all; lights, ambient light, background and culling are the first one's.
+
+    Raises:
+        ValueError: no scene at all.
+    """
+    if not scenes:
+        raise ValueError("bigtri.merge: scenes must hold at least one scene, got none")
+    vertex_offset = np.cumsum([0] + [len(s.positions) for s in scenes])
+    material_offset = np.cumsum([0] + [len(s.materials) for s in scenes])
+    joined: dict[str, NDArray[np.float32] | None] = {}
+    for name, channels in (("normals", 3), ("uvs", 2), ("colors", 3)):
+        given = [getattr(s, name) for s in scenes]
+        # Materials without the effect never read the zeros that stand in for it.
+        zeros = (np.zeros((len(s.positions), channels), np.float32) for s in scenes)
+        parts = [zero if array is None else array for array, zero in zip(given, zeros, strict=True)]
+        joined[name] = None if all(array is None for array in given) else np.concatenate(parts)
+    return replace(
+        scenes[0],
+        positions=np.concatenate([s.positions for s in scenes]),
+        triangles=np.concatenate([s.triangles + np.int32(o) for s, o in zip(scenes, vertex_offset, strict=False)]),
+        material=np.concatenate([s.material + np.int32(o) for s, o in zip(scenes, material_offset, strict=False)]),
+        materials=tuple(_without_missing(m, s) for s in scenes for m in s.materials),
+        **joined,
+    )
+
+
+def load_scene(path: str | os.PathLike[str]) -> Scene:
+    """A scene from a GLB, glTF, OBJ (with MTL), PLY, STL or OFF file, through trimesh.
+
+    Nodes are placed by their transforms; vertex normals are computed where the file has none, with a crease of 50 degrees.
+    Surfaces that do not enclose a solid, or that glTF calls double-sided, are lit from both sides. Base colour, base colour
+    texture and vertex colours are read; transparency, emission, metalness, normal maps and texture samplers are not.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ImportError: trimesh is not installed.
+        ValueError: the file is of another kind, cannot be read, or holds no triangles.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if not path.is_file():
+        raise FileNotFoundError(f"bigtri.load_scene: no such file: {path}")
+    if kind not in FILE_KINDS:
+        kinds = ", ".join(FILE_KINDS)
+        raise ValueError(f"bigtri.load_scene: path must end in {kinds}, got {path.name}: convert it to .glb, for example")
+    try:
+        import trimesh
+    except ImportError as error:
+        raise ImportError("bigtri.load_scene: reading models needs trimesh: pip install trimesh pillow") from error
+    try:
+        # Processing would merge vertices that differ in texture coordinates or normals.
+        loaded = trimesh.load_scene(str(path), process=False)
+    except Exception as error:
+        raise ValueError(f"bigtri.load_scene: {path} cannot be read as {kind[1:]}: {error}") from error
+    if kind == ".obj":
+        _warn_of_missing_materials(path)
+    try:
+        return from_trimesh(loaded, linear_colors=kind in (".glb", ".gltf"))
+    except ValueError as error:
+        raise ValueError(f"bigtri.load_scene: {path}: {error}") from error
+
+
+def from_trimesh(loaded: Any, linear_colors: bool = False) -> Scene:
+    """A scene from a trimesh.Scene or trimesh.Trimesh, as ``load_scene`` makes it.
+
+    Args:
+        loaded: what trimesh loaded or created; points and lines are left out.
+        linear_colors: whether vertex colours are linear, as in glTF, instead of sRGB.
+
+    Raises:
+        ValueError: no triangles.
+    """
+    from .trimesh_parts import parts_of
+
+    parts = parts_of(loaded, linear_colors)
+    if not parts:
+        raise ValueError("there are no triangles in it: point clouds and lines are not drawn")
+    return merge(parts)
+
+
+def _warn_of_missing_materials(path: Path) -> None:
+    with open(path, errors="replace") as lines:
+        names = [line.split(None, 1)[1].strip() for line in lines if line.startswith("mtllib ") and len(line.split()) > 1]
+    for name in names:
+        if not (path.parent / name).is_file():
+            warnings.warn(f"{path} refers to {name}, which is not beside it: its materials are drawn grey", stacklevel=3)
+
+
+def _without_missing(material: Material, scene: Scene) -> Material:
+    """The material less the effects for which its scene had no data."""
+    return replace(
+        material,
+        texture=material.texture if scene.uvs is not None else None,
+        vertex_colors=material.vertex_colors and scene.colors is not None,
+        smooth=material.smooth and scene.normals is not None,
+    )
+
+
+def _check(name: str, value: Any, dtype: type[np.generic], *shape: int | str) -> None:
+    wanted = f"{np.dtype(dtype)} [{', '.join(map(str, shape))}]"
+    if not isinstance(value, np.ndarray) or value.dtype != dtype:
+        got = f"{value.dtype} {list(value.shape)}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise TypeError(f"bigtri.Scene: {name} must be a NumPy array {wanted}, got {got}")
+    fits = value.ndim == len(shape) and all(isinstance(s, str) or s == n for s, n in zip(shape, value.shape, strict=True))
+    if not fits:
+        raise ValueError(f"bigtri.Scene: {name} must be {wanted}, got {list(value.shape)}")
