@@ -1,0 +1,137 @@
+// Homogeneous clipping in float64; docs/numerics.md 2.1. Mirrors bigtri/reference/clip.py.
+#pragma once
+
+#include "numerics.h"
+
+namespace bigtri {
+
+constexpr int kPlanes = 6;  // near, X-, X+, Y-, Y+, depth
+constexpr int kNear = 0;
+// A convex polygon gains at most one vertex per plane. Rounding can leave one that is not quite convex: with r runs of vertices outside, n - r are kept at most
+// and 2r are new, so n grows to 3n/2 at most: 3, 4, 6, 9, 13, 19, 28.
+constexpr int kMaxPolygon = 28;
+constexpr int kMaxSubTriangles = kMaxPolygon - 2;
+
+// d = a * v[p] + b * v[q]; inside where d >= 0.
+struct Plane {
+  int p, q;
+  double a, b;
+};
+
+BIGTRI_HD Plane clip_plane(int k, int width, int height) {
+  const double w = 128.0 * width, h = 128.0 * height, low = kGuard, high = kGuard - 1;
+  switch (k) {
+    case 0: return {2, 3, 1.0, 1.0};
+    case 1: return {0, 3, w, w + low};
+    case 2: return {3, 0, high - w, -w};
+    case 3: return {3, 1, h + low, -h};
+    case 4: return {3, 1, high - h, h};
+    default: return {3, 2, 4.0, -1.0};
+  }
+}
+
+template <class T>
+BIGTRI_HD double plane_distance(const Plane& plane, const T v[4]) {
+  return plane.a * (double)v[plane.p] + plane.b * (double)v[plane.q];
+}
+
+struct ClipVertex {
+  double position[4];
+  double weights[3];  // homogeneous, over the slots
+  uint32_t edges;     // bit j: lies on original edge j (slot j to slot j + 1)
+  uint32_t made;      // bit k: made by plane k
+};
+
+BIGTRI_HD bool lexicographically_less(const double a[4], const double b[4]) {
+  for (int i = 0; i < 4; ++i)
+    if (a[i] != b[i]) return a[i] < b[i];
+  return false;
+}
+
+// 2^-k, k the exponent of v with a mantissa in [0.5, 1); v is positive and normal (a sum of float32 products).
+BIGTRI_HD double reciprocal_scale(double v) {
+  const int64_t k = (int64_t)((double_bits(v) >> 52) & 0x7ff) - 1022;
+  return bits_double((uint64_t)(1023 - k) << 52);
+}
+
+// The vertex where the plane cuts the polygon edge from a to b, which it separates (distances da, db).
+BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVertex slots[3], const ClipVertex& a, double da,
+                              const ClipVertex& b, double db) {
+  ClipVertex n;
+  n.edges = a.edges & b.edges;
+  n.made = (1u << plane_index) | (a.made & b.made);
+  if (n.edges) {
+    const int j = (n.edges & 1) ? 0 : (n.edges & 2) ? 1 : 2, l = j == 2 ? 0 : j + 1;
+    const ClipVertex &P = slots[j], &Q = slots[l];
+    const double dp = plane_distance(plane, P.position), dq = plane_distance(plane, Q.position);
+    if ((dp >= 0) != (dq >= 0)) {
+      // From the original end points and symmetric in them: two triangles that share the edge get the same bits.
+      const double *u = P.position, *v = Q.position;
+      const double abs_p = dp < 0 ? -dp : dp, abs_q = dq < 0 ? -dq : dq;
+      const double scale = reciprocal_scale(abs_p + abs_q);
+      for (int i = 0; i < 4; ++i) {
+        const double t = plane.a * (v[i] * u[plane.p] - v[plane.p] * u[i]) + plane.b * (v[i] * u[plane.q] - v[plane.q] * u[i]);
+        n.position[i] = (dp >= 0 ? t : -t) * scale;
+      }
+      n.weights[0] = n.weights[1] = n.weights[2] = 0.0;
+      n.weights[j] = abs_q * scale;
+      n.weights[l] = abs_p * scale;
+      return n;
+    }
+  }
+  const bool swap = lexicographically_less(b.position, a.position);
+  const ClipVertex &first = swap ? b : a, &second = swap ? a : b;
+  const double d1 = swap ? db : da, d2 = swap ? da : db, t = d1 / (d1 - d2);
+  for (int i = 0; i < 4; ++i) n.position[i] = first.position[i] + (second.position[i] - first.position[i]) * t;
+  for (int i = 0; i < 3; ++i) n.weights[i] = first.weights[i] + (second.weights[i] - first.weights[i]) * t;
+  return n;
+}
+
+// First corner, so that the lexicographically smallest vertex becomes slot 0.
+BIGTRI_HD int first_slot(const float v[3][4]) {
+  int best = 0;
+  for (int k = 1; k < 3; ++k)
+    for (int i = 0; i < 4; ++i) {
+      if (v[k][i] == v[best][i]) continue;
+      if (v[k][i] < v[best][i]) best = k;
+      break;
+    }
+  return best;
+}
+
+// Clips a triangle that no plane rejects outright. outside: the planes that at least one vertex is outside of. Returns the number of vertices
+// in polygon, 0 if nothing is left. first: the corner that became slot 0.
+BIGTRI_HD int clip_triangle(const float v[3][4], uint32_t outside, int width, int height, ClipVertex polygon[kMaxPolygon], int* first) {
+  *first = first_slot(v);
+  ClipVertex slots[3], other[kMaxPolygon];
+  for (int k = 0; k < 3; ++k) {
+    const float* source = v[(*first + k) % 3];
+    for (int i = 0; i < 4; ++i) slots[k].position[i] = source[i];
+    for (int i = 0; i < 3; ++i) slots[k].weights[i] = i == k ? 1.0 : 0.0;
+    slots[k].edges = (1u << k) | (1u << ((k + 2) % 3));
+    slots[k].made = 0;
+    polygon[k] = slots[k];
+  }
+  int n = 3;
+  for (int k = 0; k < kPlanes && n > 0; ++k) {
+    if (!(outside >> k & 1)) continue;
+    const Plane plane = clip_plane(k, width, height);
+    int m = 0;
+    double da = plane_distance(plane, polygon[0].position);
+    for (int i = 0; i < n; ++i) {
+      const ClipVertex &a = polygon[i], &b = polygon[i + 1 == n ? 0 : i + 1];
+      const double db = plane_distance(plane, b.position);
+      if (da >= 0) other[m++] = a;
+      if ((da >= 0) != (db >= 0)) other[m++] = cut_edge(plane, k, slots, a, da, b, db);
+      da = db;
+    }
+    n = m;
+    for (int i = 0; i < n; ++i) polygon[i] = other[i];
+  }
+  if (n < 3) return 0;
+  for (int i = 0; i < n; ++i)
+    if (!(polygon[i].position[3] > 0)) return 0;
+  return n;
+}
+
+}  // namespace bigtri

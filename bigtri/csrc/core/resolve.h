@@ -1,0 +1,78 @@
+// The records of one parent triangle, and which of them covers a pixel; docs/numerics.md 2.4 and 9. Mirrors bigtri/reference/resolve.py.
+#pragma once
+
+#include "setup.h"
+
+namespace bigtri {
+
+// All records of a parent, with what attributes need.
+struct Parent {
+  int count;     // records
+  bool clipped;
+  bool affine;   // not clipped, and all w equal
+  int first;     // clipped: the corner that is slot 0
+  Primitive primitive[kMaxSubTriangles];
+  double w[kMaxSubTriangles][3];           // of the record's vertices
+  double weights[kMaxSubTriangles][3][3];  // clipped: homogeneous, over the slots
+};
+
+// corner of the parent that entry k of a record's barycentrics belongs to.
+BIGTRI_HD int corner_of(const Parent& p, int record, int k) { return p.clipped ? (p.first + k) % 3 : p.primitive[record].order[k]; }
+
+BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], const Viewport& view, Parent* out) {
+  out->count = 0;
+  out->clipped = false;
+  out->affine = v[0][3] == v[1][3] && v[1][3] == v[2][3];
+  const uint32_t f0 = projected[0].flags, f1 = projected[1].flags, f2 = projected[2].flags;
+  const Fate fate = fate_of(f0, f1, f2);
+  if (fate == Fate::kWhole) {
+    int32_t x[3], y[3];
+    float z[3];
+    for (int k = 0; k < 3; ++k) {
+      x[k] = projected[k].x;
+      y[k] = projected[k].y;
+      z[k] = projected[k].z;
+    }
+    if (make_primitive(x, y, z, view, &out->primitive[0])) {
+      for (int k = 0; k < 3; ++k) {
+        out->w[0][k] = v[out->primitive[0].order[k]][3];
+        for (int m = 0; m < 3; ++m) out->weights[0][k][m] = k == m ? 1.0 : 0.0;
+      }
+      out->count = 1;
+    }
+  } else if (fate == Fate::kClip) {
+    Fan fan;
+    make_fan(v, (f0 | f1 | f2) & kOutsideMask, view.width, view.height, &fan);
+    out->clipped = true;
+    out->affine = false;
+    out->first = fan.first;
+    for (int s = 0; s + 2 < fan.count; ++s) {
+      Primitive& p = out->primitive[out->count];
+      if (!fan_primitive(fan, s, view, &p)) continue;
+      int index[3];
+      fan_vertices(fan, s, index);
+      for (int k = 0; k < 3; ++k) {
+        const ClipVertex& source = fan.polygon[index[p.order[k]]];
+        out->w[out->count][k] = source.position[3];
+        for (int m = 0; m < 3; ++m) out->weights[out->count][k][m] = source.weights[m];
+      }
+      ++out->count;
+    }
+  }
+  return fate;
+}
+
+BIGTRI_HD bool covers(const Primitive& p, int64_t x, int64_t y) {
+  for (int k = 0; k < 3; ++k)
+    if (edge_steps(edge_of(p.x, p.y, k), x, y) < 0) return false;
+  return true;
+}
+
+// First record in fan order that covers the pixel, -1 if none does.
+BIGTRI_HD int covering_record(const Parent& p, int64_t x, int64_t y) {
+  for (int s = 0; s < p.count; ++s)
+    if (covers(p.primitive[s], x, y)) return s;
+  return -1;
+}
+
+}  // namespace bigtri

@@ -1,0 +1,21 @@
+// Exact spans of covered pixels; docs/numerics.md 6. Mirrors bigtri/reference/scanline.py.
+#pragma once
+
+#include "numerics.h"
+
+namespace bigtri {
+
+// The pixels i in [lower, upper) of a row where f + step * i >= 0, cut to the interval given.
+BIGTRI_HD void cut_span(int64_t f, int64_t step, int64_t* lower, int64_t* upper) {
+  if (step == 0) {
+    if (f < 0) *upper = *lower;
+  } else if (step > 0) {  // first i with step * i >= -f
+    const int64_t first = f >= 0 ? 0 : (-f + step - 1) / step;
+    *lower = max_of(*lower, first);
+  } else {  // last i with -step * i <= f
+    const int64_t end = f < 0 ? 0 : f / -step + 1;
+    *upper = min_of(*upper, end);
+  }
+}
+
+}  // namespace bigtri

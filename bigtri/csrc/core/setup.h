@@ -1,0 +1,174 @@
+// Projection, snapping, orientation, culling: from clip space to records; docs/numerics.md 2. Mirrors bigtri/reference/setup.py.
+#pragma once
+
+#include "clip.h"
+
+namespace bigtri {
+
+// Vertex flags: bits 0-5 outside plane k.
+constexpr uint32_t kOutsideMask = (1u << kPlanes) - 1;
+constexpr uint32_t kNonFinite = 1u << 6;
+constexpr uint32_t kBehind = 1u << 7;  // w <= 0
+
+// One projected vertex: subpx, window depth, flags. X, Y and z count only where no flag is set.
+struct Vertex {
+  int32_t x, y;
+  float z;
+  uint32_t flags;
+};
+
+// One oriented, culled, non-empty (sub)triangle. order[k]: which of the three vertices given is record vertex k.
+struct Primitive {
+  int32_t x[3], y[3];
+  float z[3];
+  int32_t order[3];
+  int32_t x0, y0, x1, y1;  // bbox, px, half-open
+  int64_t area;
+};
+
+// Half to even, for |v| < 2^51; no library call, the same on every target.
+BIGTRI_HD double round_half_even(double v) {
+  const double magic = 6755399441055744.0;  // 1.5 * 2^52
+  return (v + magic) - magic;
+}
+
+// low and high are integers, so clamping before rounding gives what clamping after it gives, and a NaN becomes low.
+BIGTRI_HD int32_t clamp_round(double v, double low, double high) {
+  v = v >= low ? v : low;
+  v = v <= high ? v : high;
+  return (int32_t)round_half_even(v);
+}
+
+BIGTRI_HD int32_t snap_x(double x, double w, int width) {
+  const double half = 128.0 * width;
+  return 128 * width + clamp_round(x / w * half, -(double)kGuard - half, (double)(kGuard - 1) - half);
+}
+
+BIGTRI_HD int32_t snap_y(double y, double w, int height) {
+  const double half = 128.0 * height;
+  return 128 * height - clamp_round(y / w * half, half - (double)kGuard + 1.0, half + (double)kGuard);
+}
+
+template <class T>
+BIGTRI_HD float window_depth(T z, T w) {
+  return (float)((z / w) * (T)0.5 + (T)0.5);
+}
+
+BIGTRI_HD bool is_finite(float v) { return (float_bits(v) & 0x7f800000u) != 0x7f800000u; }
+
+BIGTRI_HD Vertex project_vertex(const float v[4], int width, int height) {
+  uint32_t flags = 0;
+  for (int k = 0; k < kPlanes; ++k)
+    if (!(plane_distance(clip_plane(k, width, height), v) >= 0)) flags |= 1u << k;
+  if (!(is_finite(v[0]) && is_finite(v[1]) && is_finite(v[2]) && is_finite(v[3]))) flags |= kNonFinite;
+  if (!(v[3] > 0)) flags |= kBehind;
+  return {snap_x(v[0], v[3], width), snap_y(v[1], v[3], height), window_depth<float>(v[2], v[3]), flags};
+}
+
+// false: nothing to draw (zero area, culled, or no pixel centre within the bounds).
+BIGTRI_HD bool make_primitive(const int32_t x[3], const int32_t y[3], const float z[3], const Viewport& view, Primitive* out) {
+  int64_t area = twice_area(x, y);
+  if (area == 0) return false;
+  if (view.cull == (area > 0 ? kCullBack : kCullFront)) return false;
+  const int32_t min_x = min_of(min_of(x[0], x[1]), x[2]), max_x = max_of(max_of(x[0], x[1]), x[2]);
+  const int32_t min_y = min_of(min_of(y[0], y[1]), y[2]), max_y = max_of(max_of(y[0], y[1]), y[2]);
+  // The first centre at or after the minimum, and one past the last at or before the maximum; >> is floor.
+  out->x0 = max_of((min_x + 127) >> kSubpixelBits, view.x0);
+  out->y0 = max_of((min_y + 127) >> kSubpixelBits, view.y0);
+  out->x1 = min_of(((max_x - 128) >> kSubpixelBits) + 1, view.x1);
+  out->y1 = min_of(((max_y - 128) >> kSubpixelBits) + 1, view.y1);
+  if (out->x0 >= out->x1 || out->y0 >= out->y1) return false;
+  int order[3] = {0, 1, 2};
+  if (area < 0) {
+    order[1] = 2;
+    order[2] = 1;
+    area = -area;
+  }
+  int start = 0;
+  for (int k = 1; k < 3; ++k) {
+    const int a = order[k], b = order[start];
+    if (x[a] < x[b] || (x[a] == x[b] && y[a] < y[b])) start = k;
+  }
+  for (int k = 0; k < 3; ++k) {
+    const int source = order[(start + k) % 3];
+    out->x[k] = x[source];
+    out->y[k] = y[source];
+    out->z[k] = z[source];
+    out->order[k] = source;
+  }
+  out->area = area;
+  return true;
+}
+
+// One vertex of a clipped polygon, projected.
+BIGTRI_HD Vertex project_clipped(const ClipVertex& v, int width, int height) {
+  Vertex out;
+  const double w = v.position[3];
+  out.x = (v.made & 2) ? -kGuard : (v.made & 4) ? kGuard - 1 : snap_x(v.position[0], w, width);
+  out.y = (v.made & 8) ? -kGuard : (v.made & 16) ? kGuard - 1 : snap_y(v.position[1], w, height);
+  if (v.made == 0)  // an original vertex: from its float32 inputs, as if it had not been clipped
+    out.z = window_depth<float>((float)v.position[2], (float)w);
+  else
+    out.z = (v.made & (1u << kNear)) ? 0.0f : window_depth<double>(v.position[2], w);
+  out.flags = 0;
+  return out;
+}
+
+// What a clipped triangle becomes: a fan of projected vertices, and where they came from.
+struct Fan {
+  ClipVertex polygon[kMaxPolygon];
+  Vertex projected[kMaxPolygon];
+  int count;  // vertices
+  int first;  // corner that is slot 0
+  int apex;   // vertex that all sub-triangles share
+};
+
+BIGTRI_HD bool fan_less(const Vertex& a, double aw, const Vertex& b, double bw) {
+  if (a.x != b.x) return a.x < b.x;
+  if (a.y != b.y) return a.y < b.y;
+  if (a.z != b.z) return a.z < b.z;
+  return aw < bw;
+}
+
+BIGTRI_HD void make_fan(const float v[3][4], uint32_t outside, int width, int height, Fan* fan) {
+  fan->count = clip_triangle(v, outside, width, height, fan->polygon, &fan->first);
+  fan->apex = 0;
+  for (int i = 0; i < fan->count; ++i) {
+    fan->projected[i] = project_clipped(fan->polygon[i], width, height);
+    if (i && fan_less(fan->projected[i], fan->polygon[i].position[3], fan->projected[fan->apex], fan->polygon[fan->apex].position[3])) fan->apex = i;
+  }
+}
+
+// Polygon vertex numbers of sub-triangle s of the fan, s = 0 .. count - 3.
+BIGTRI_HD void fan_vertices(const Fan& fan, int s, int index[3]) {
+  index[0] = fan.apex;
+  index[1] = (fan.apex + s + 1) % fan.count;
+  index[2] = (fan.apex + s + 2) % fan.count;
+}
+
+BIGTRI_HD bool fan_primitive(const Fan& fan, int s, const Viewport& view, Primitive* out) {
+  int index[3];
+  fan_vertices(fan, s, index);
+  int32_t x[3], y[3];
+  float z[3];
+  for (int k = 0; k < 3; ++k) {
+    x[k] = fan.projected[index[k]].x;
+    y[k] = fan.projected[index[k]].y;
+    z[k] = fan.projected[index[k]].z;
+  }
+  return make_primitive(x, y, z, view, out);
+}
+
+enum class Fate { kDropped, kNothing, kWhole, kClip };
+
+// What becomes of a triangle, by the flags of its vertices.
+BIGTRI_HD Fate fate_of(uint32_t a, uint32_t b, uint32_t c) {
+  const uint32_t any = a | b | c;
+  if (any == 0) return Fate::kWhole;
+  if (any & kNonFinite) return Fate::kDropped;
+  if (a & b & c & kOutsideMask) return Fate::kNothing;
+  // With all three inside every plane, w <= 0 is left to the point (0, 0, 0, 0), which has no place on the screen.
+  return (any & kOutsideMask) ? Fate::kClip : Fate::kNothing;
+}
+
+}  // namespace bigtri

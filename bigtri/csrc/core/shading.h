@@ -1,0 +1,40 @@
+// Lambert shading and sRGB encoding; docs/numerics.md 11. Mirrors bigtri/reference/shading.py.
+#pragma once
+
+#include "setup.h"
+
+namespace bigtri {
+
+#if defined(__CUDA_ARCH__)
+BIGTRI_HD float square_root(float v) { return __fsqrt_rn(v); }
+#else
+BIGTRI_HD float square_root(float v) { return __builtin_sqrtf(v); }
+#endif
+
+// directions, colors [lights, 3]; normal, albedo, ambient, out [3].
+BIGTRI_HD void lambert(const float normal[3], const float albedo[3], const float ambient[3], const float* directions, const float* colors, int64_t lights,
+                       float out[3]) {
+  const float s = (normal[0] * normal[0] + normal[1] * normal[1]) + normal[2] * normal[2];
+  float n[3] = {0.0f, 0.0f, 0.0f};
+  if (s > 0.0f && is_finite(s)) {
+    const float length = square_root(s);
+    for (int i = 0; i < 3; ++i) n[i] = normal[i] / length;
+  }
+  float c[3] = {ambient[0], ambient[1], ambient[2]};
+  for (int64_t l = 0; l < lights; ++l) {
+    const float* d = directions + 3 * l;
+    const float cosine = max_of((n[0] * d[0] + n[1] * d[1]) + n[2] * d[2], 0.0f);
+    for (int i = 0; i < 3; ++i) c[i] = c[i] + colors[3 * l + i] * cosine;
+  }
+  for (int i = 0; i < 3; ++i) out[i] = albedo[i] * c[i];
+}
+
+// thresholds [255], ascending: the number of them that are <= v; NaN gives 0.
+BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds) {
+  int n = 0;
+  for (int step = 128; step > 0; step >>= 1)  // 128 + 64 + ... + 1 = 255
+    if (thresholds[n + step - 1] <= v) n += step;
+  return (uint8_t)n;
+}
+
+}  // namespace bigtri

@@ -1,0 +1,25 @@
+// 64-bit masks over a bin's 8x8 tiles of 8x8 px; docs/numerics.md 5. Mirrors bigtri/reference/tile_mask.py.
+#pragma once
+
+#include "binning.h"
+
+namespace bigtri {
+
+// Bits of the tiles that meet columns [x0, x1) and rows [y0, y1) of the bin (px from its corner, cut to 0..64).
+BIGTRI_HD uint64_t bbox_tiles(int x0, int y0, int x1, int y1) {
+  x0 = max_of(x0, 0), y0 = max_of(y0, 0), x1 = min_of(x1, kBin), y1 = min_of(y1, kBin);
+  if (x0 >= x1 || y0 >= y1) return 0;
+  const int c0 = x0 / kTile, c1 = (x1 - 1) / kTile, r0 = y0 / kTile, r1 = (y1 - 1) / kTile;
+  const uint64_t columns = (0xffull >> (7 - c1)) & (0xffull << c0);
+  const uint64_t rows = (~0ull >> (8 * (7 - r1))) & (~0ull << (8 * r0));
+  return (columns * 0x0101010101010101ull) & rows;
+}
+
+// f at a tile's first centre.
+BIGTRI_HD int32_t tile_edge(const NarrowEdge& e, int column, int row) { return e.f + (kTile * column) * e.sx + (kTile * row) * e.sy; }
+
+// What to add to it for the extremes over the tile's 64 centres.
+BIGTRI_HD int32_t tile_highest(const NarrowEdge& e) { return (kTile - 1) * (max_of(e.sx, 0) + max_of(e.sy, 0)); }
+BIGTRI_HD int32_t tile_lowest(const NarrowEdge& e) { return (kTile - 1) * (min_of(e.sx, 0) + min_of(e.sy, 0)); }
+
+}  // namespace bigtri

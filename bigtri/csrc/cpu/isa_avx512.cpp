@@ -1,0 +1,7 @@
+#pragma GCC target("avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi,bmi2,lzcnt,popcnt,prefer-vector-width=512")
+#include "rasterize.inl"
+#include "stages.inl"
+
+namespace bigtri {
+BIGTRI_KERNEL_TABLE(avx512)
+}

@@ -1,0 +1,6 @@
+#include "rasterize.inl"
+#include "stages.inl"
+
+namespace bigtri {
+BIGTRI_KERNEL_TABLE(baseline)
+}

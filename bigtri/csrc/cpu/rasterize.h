@@ -1,0 +1,28 @@
+// The CPU's entry points for one image; torch-free.
+#pragma once
+
+#include "kernels.h"
+#include "parallel.h"
+
+namespace bigtri {
+
+// The table in use, or nullptr where the machine lacks that instruction set ("baseline", "avx2", "avx512").
+const Kernels* find_kernels(const char* name);
+const Kernels& current_kernels();
+void use_kernels(const Kernels& kernels);
+
+struct Mesh {
+  const float* positions;    // [V, 4], clip space
+  int64_t vertices;
+  const int32_t* triangles;  // [T, 3], every index in [lowest, highest]
+  int64_t count;             // T
+  int64_t lowest, highest;   // the vertices in use; lowest > highest: none
+};
+
+// Smallest and largest index; (INT32_MAX, INT32_MIN) for no triangles.
+void index_range(const Parallel& parallel, const int32_t* indices, int64_t count, int64_t* lowest, int64_t* highest);
+
+// packed [H, W], depth [H, W] or null: every pixel is written. Returns the number of dropped triangles.
+int64_t rasterize(const Kernels& kernels, const Parallel& parallel, const Mesh& mesh, const Viewport& view, int64_t* packed, float* depth);
+
+}  // namespace bigtri

@@ -1,0 +1,200 @@
+// The stages one at a time, on the inner loops of rasterize.inl, and the passes that read a visibility buffer. Compiled once per instruction set.
+
+namespace bigtri {
+namespace {
+
+BIGTRI_INLINE void read_vertices(const int32_t* xy, int32_t x[3], int32_t y[3]) {
+  for (int k = 0; k < 3; ++k) {
+    x[k] = xy[2 * k];
+    y[k] = xy[2 * k + 1];
+  }
+}
+
+// false: an edge rejects the bin.
+BIGTRI_INLINE bool narrow_edges(const int32_t x[3], const int32_t y[3], int bin_x, int bin_y, NarrowEdge e[3]) {
+  for (int k = 0; k < 3; ++k) {
+    const BinEdge b = bin_edge(edge_of(x, y, k), bin_x, bin_y);
+    if (b.highest < 0) return false;
+    e[k] = narrow(b);
+  }
+  return true;
+}
+
+void stage_tile_mask(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched, int64_t* full) {
+  for (int64_t i = 0; i < count; ++i) {
+    const int32_t *entry = queue + 3 * i, *box = bbox + 4 * (int64_t)entry[0];
+    int32_t x[3], y[3];
+    read_vertices(xy + 6 * (int64_t)entry[0], x, y);
+    NarrowEdge e[3];
+    TileMasks m = {0, 0};
+    if (narrow_edges(x, y, entry[1], entry[2], e)) m = tile_masks(e);
+    const int left = entry[1] * kBin, top = entry[2] * kBin;
+    m.touched &= bbox_tiles(box[0] - left, box[1] - top, box[2] - left, box[3] - top);
+    touched[i] = (int64_t)m.touched;
+    full[i] = (int64_t)(m.full & m.touched);
+  }
+}
+
+BIGTRI_INLINE int64_t put_span(int32_t record, int64_t y, int64_t lower, int64_t upper, int32_t* spans, int64_t n) {
+  if (lower >= upper) return n;
+  int32_t* s = spans + 4 * n;
+  s[0] = record;
+  s[1] = (int32_t)y;
+  s[2] = (int32_t)lower;
+  s[3] = (int32_t)upper;
+  return n + 1;
+}
+
+// Spans of one queue entry (record, bin column, bin row), at most 512; xy and bbox are the record's own.
+int64_t stage_scan_tiles(const int32_t* xy, const int32_t* bbox, const int32_t* entry, uint64_t touched, int32_t* spans) {
+  int32_t px[3], py[3];
+  read_vertices(xy, px, py);
+  NarrowEdge e[3];
+  if (!narrow_edges(px, py, entry[1], entry[2], e)) return 0;
+  i32x16 offset[3];
+  for (int k = 0; k < 3; ++k) offset[k] = lanes(0, e[k].sx, e[k].sy);
+  int64_t n = 0;
+  for (; touched; touched &= touched - 1) {
+    const int t = __builtin_ctzll(touched), column = t % 8, row = t / 8;
+    const uint64_t coverage = tile_coverage(e, offset, column, row);
+    const int64_t x = (int64_t)entry[1] * kBin + column * kTile, y = (int64_t)entry[2] * kBin + row * kTile;
+    for (int j = 0; j < kTile; ++j) {
+      const uint32_t bits = coverage >> (8 * j) & 0xff;
+      if (!bits || y + j < bbox[1] || y + j >= bbox[3]) continue;
+      // Edges are convex: the covered pixels of a row are one run.
+      const int64_t lower = x + __builtin_ctz(bits), upper = x + 32 - __builtin_clz(bits);
+      n = put_span(entry[0], y + j, max_of<int64_t>(lower, bbox[0]), min_of<int64_t>(upper, bbox[2]), spans, n);
+    }
+  }
+  return n;
+}
+
+// Spans of a small record, one per row of its bbox at most.
+int64_t stage_scan_rows(const int32_t* xy, const int32_t* bbox, int32_t record, int32_t* spans) {
+  int32_t px[3], py[3];
+  read_vertices(xy, px, py);
+  int64_t n = 0;
+  for (int64_t y = bbox[1]; y < bbox[3]; ++y) {
+    int64_t lower = 0, upper = bbox[2] - bbox[0];
+    for (int k = 0; k < 3; ++k) {
+      const Edge e = edge_of(px, py, k);
+      cut_span(edge_steps(e, bbox[0], y), -e.dy, &lower, &upper);
+    }
+    n = put_span(record, y, bbox[0] + lower, bbox[0] + upper, spans, n);
+  }
+  return n;
+}
+
+// Depth of every pixel of the spans, in order. Spans of a record and cell mostly follow each other, so the cell's plane is kept.
+void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count, float* out) {
+  CellDepth d = {};
+  int64_t last_record = -1, last_x = -1, last_y = -1;
+  for (int64_t i = 0; i < count; ++i) {
+    const int32_t* s = spans + 4 * i;
+    for (int64_t x = s[2]; x < s[3];) {
+      const int64_t cell_x = x / kBin, cell_y = s[1] / kBin;
+      if (s[0] != last_record || cell_x != last_x || cell_y != last_y) {
+        Primitive p;
+        read_vertices(xy + 6 * (int64_t)s[0], p.x, p.y);
+        for (int k = 0; k < 3; ++k) p.z[k] = z[3 * (int64_t)s[0] + k];
+        p.area = area[s[0]];
+        p.x0 = p.y0 = p.x1 = p.y1 = 0;
+        Record r;
+        fill_record(p, 0, &r);
+        cell_depth(r, (int)cell_x, (int)cell_y, &d);
+        last_record = s[0];
+        last_x = cell_x;
+        last_y = cell_y;
+      }
+      const int i0 = (int)(x % kBin), j = s[1] % kBin;
+      const int64_t n = min_of<int64_t>(min_of<int64_t>(8, s[3] - x), kBin - i0);
+      const f32x8 v = clamp_depth(to_float(d.thin ? row_depth<true>(d, i0, j) : row_depth<false>(d, i0, j)), splat(d.zmin), splat(d.zmax));
+      for (int64_t k = 0; k < n; ++k) out[k] = v[k];
+      out += n;
+      x += n;
+    }
+  }
+}
+
+// ---------------------------------------------------------------- attributes
+
+bool load_parent(const AttributeJob& job, int64_t triangle, Parent* parent) {
+  float v[3][4];
+  Vertex projected[3];
+  for (int k = 0; k < 3; ++k) {
+    const int64_t index = job.triangles[3 * triangle + k];
+    if (index < 0 || index >= job.vertices) return false;
+    for (int i = 0; i < 4; ++i) v[k][i] = job.positions[4 * index + i];
+    projected[k] = project_vertex(v[k], job.width, job.height);
+  }
+  expand_parent(v, projected, {job.width, job.height, 0, 0, job.width, job.height, kCullNone}, parent);
+  return true;
+}
+
+// Pixels [x, end) of a row, all of one triangle.
+void interpolate_run(const AttributeJob& job, const Parent& parent, int64_t triangle, int64_t y, int64_t x, int64_t end, float* out) {
+  const int64_t channels = job.channels;
+  for (; x < end; ++x, out += channels) {
+    const int record = covering_record(parent, x, y);
+    if (record < 0) {  // not this triangle's pixel: the buffer came from elsewhere
+      for (int64_t c = 0; c < channels; ++c) out[c] = 0.0f;
+      continue;
+    }
+    double e[3];
+    float b[3];
+    for (int k = 0; k < 3; ++k) e[k] = edge_at(parent.primitive[record], k, x, y);
+    barycentrics(parent, record, e, b);
+    if (!job.attributes) {
+      for (int k = 0; k < 3; ++k) out[corner_of(parent, record, k)] = b[k];
+      continue;
+    }
+    const float* a[3];
+    for (int k = 0; k < 3; ++k) a[k] = job.attributes + channels * job.triangles[3 * triangle + corner_of(parent, record, k)];
+    for (int64_t c = 0; c < channels; ++c) out[c] = interpolate(b, a[0][c], a[1][c], a[2][c]);
+  }
+}
+
+// Runs of one triangle share its set-up; scratch keeps it from run to run.
+void stage_interpolate_row(const AttributeJob& job, int64_t y, Parent* parent) {
+  const int64_t* row = job.packed + y * job.width;
+  float* out = job.out + y * job.width * job.channels;
+  int64_t loaded = -1;
+  for (int64_t x = 0; x < job.width;) {
+    const int64_t triangle = row[x] == kBackground ? -1 : row[x] & 0xffffffff;
+    int64_t end = x + 1;
+    while (end < job.width && (row[end] == kBackground ? -1 : row[end] & 0xffffffff) == triangle) ++end;
+    bool valid = triangle >= 0 && triangle < job.triangle_count;
+    if (valid && triangle != loaded) {
+      valid = load_parent(job, triangle, parent);
+      loaded = valid ? triangle : -1;
+    }
+    if (valid)
+      interpolate_run(job, *parent, triangle, y, x, end, out);
+    else
+      __builtin_memset(out, 0, (size_t)((end - x) * job.channels) * sizeof(float));
+    out += (end - x) * job.channels;
+    x = end;
+  }
+}
+
+void stage_sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter, Wrap wrap, float* out) {
+  for (int64_t i = 0; i < count; ++i) sample(texture, height, width, channels, uv[2 * i], uv[2 * i + 1], filter, wrap, out + channels * i);
+}
+
+void stage_lambert(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights, int64_t count,
+                   float* out) {
+  for (int64_t i = 0; i < count; ++i) lambert(normals + 3 * i, albedo + 3 * i, ambient, directions, colors, lights, out + 3 * i);
+}
+
+void stage_encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out) {
+  for (int64_t i = 0; i < count; ++i) out[i] = encode_srgb(linear[i], thresholds);
+}
+
+}  // namespace
+
+#define BIGTRI_KERNEL_TABLE(NAME)                                                                                                                      \
+  extern const Kernels kernels_##NAME;                                                                                                                 \
+  const Kernels kernels_##NAME = {#NAME, project, setup, bin_records, raster_bin, stage_tile_mask, stage_scan_tiles, stage_scan_rows, stage_depth,     \
+                                  stage_interpolate_row, stage_sample, stage_lambert, stage_encode_srgb};
+
+}  // namespace bigtri

@@ -1,0 +1,83 @@
+// Argument checks that name the argument, what came and what is allowed; and torch's threads.
+#pragma once
+
+#include <torch/csrc/stable/library.h>
+#include <torch/csrc/stable/ops.h>
+#include <torch/csrc/stable/tensor.h>
+#include <torch/headeronly/core/ScalarType.h>
+
+#include <string>
+#include <vector>
+
+#include "../cpu/rasterize.h"
+
+namespace bigtri {
+
+using torch::headeronly::ScalarType;
+using torch::stable::Tensor;
+
+inline std::string describe(const Tensor& t) {
+  std::string s = std::string(torch::headeronly::toString(t.scalar_type())) + " [";
+  for (int64_t i = 0; i < t.dim(); ++i) s += (i ? ", " : "") + std::to_string(t.size(i));
+  return s + "]" + (t.is_cpu() ? "" : " not on the CPU") + (t.is_contiguous() ? "" : ", not contiguous");
+}
+
+// shape: -1 is any size.
+inline void check(const char* op, const char* name, const Tensor& t, ScalarType type, const std::vector<int64_t>& shape, const char* wanted) {
+  bool ok = t.is_cpu() && t.scalar_type() == type && t.is_contiguous() && t.dim() == (int64_t)shape.size();
+  for (size_t i = 0; ok && i < shape.size(); ++i) ok = shape[i] < 0 || t.size((int64_t)i) == shape[i];
+  STD_TORCH_CHECK(ok, "bigtri::", op, ": ", name, " must be a contiguous CPU tensor, ", wanted, ", got ", describe(t));
+}
+
+inline void check_size(const char* op, int64_t height, int64_t width) {
+  STD_TORCH_CHECK(height >= 1 && height <= kMaxSize && width >= 1 && width <= kMaxSize, "bigtri::", op, ": height and width must be 1 to ", kMaxSize, ", got ",
+                  height, " and ", width);
+}
+
+inline void check_count(const char* op, const char* name, int64_t count) {
+  STD_TORCH_CHECK(count <= INT32_MAX, "bigtri::", op, ": ", name, " must have at most 2147483647 rows, got ", count);
+}
+
+template <class T>
+T* data(const Tensor& t) {
+  return static_cast<T*>(t.mutable_data_ptr());
+}
+template <class T>
+const T* const_data(const Tensor& t) {
+  return static_cast<const T*>(t.const_data_ptr());
+}
+
+inline Tensor empty(const std::vector<int64_t>& shape, ScalarType type) {
+  return torch::stable::empty(shape, type, std::nullopt, torch::stable::Device(torch::headeronly::DeviceType::CPU));
+}
+
+inline Parallel torch_threads() {
+  return {[](int64_t n, void (*body)(void*, int64_t), void* context) {
+            torch::stable::parallel_for(0, n, 1, [&](int64_t begin, int64_t end) {
+              for (int64_t i = begin; i < end; ++i) body(context, i);
+            });
+          },
+          (int)torch::stable::get_num_threads()};
+}
+
+inline Viewport viewport(const char* op, int64_t height, int64_t width, const std::string& cull, const std::vector<int64_t>& scissor) {
+  check_size(op, height, width);
+  STD_TORCH_CHECK(cull == "none" || cull == "back" || cull == "front", "bigtri::", op, ": cull must be 'none', 'back' or 'front', got '", cull, "'");
+  STD_TORCH_CHECK(scissor.size() == 4, "bigtri::", op, ": scissor must be 4 integers x0, y0, x1, y1, got ", scissor.size());
+  const auto cut = [](int64_t v, int64_t high) { return (int)min_of(max_of<int64_t>(v, 0), high); };
+  return {(int)width,           (int)height,           cut(scissor[0], width), cut(scissor[1], height), cut(scissor[2], width), cut(scissor[3], height),
+          cull == "back" ? kCullBack : cull == "front" ? kCullFront : kCullNone};
+}
+
+// Positions of one view and the triangles; every index is checked before anything is drawn.
+inline Mesh checked_mesh(const char* op, const Parallel& parallel, const float* positions, int64_t vertices, const Tensor& triangles) {
+  check_count(op, "triangles", triangles.size(0));
+  Mesh mesh = {positions, vertices, const_data<int32_t>(triangles), triangles.size(0), INT32_MAX, INT32_MIN};
+  if (mesh.count == 0) return mesh;
+  index_range(parallel, mesh.triangles, 3 * mesh.count, &mesh.lowest, &mesh.highest);
+  STD_TORCH_CHECK(mesh.lowest >= 0 && mesh.highest < vertices, "bigtri::", op, ": triangles must index positions, 0 to ", vertices - 1, ", got indices from ",
+                  mesh.lowest, " to ", mesh.highest);
+  return mesh;
+}
+
+}  // namespace bigtri

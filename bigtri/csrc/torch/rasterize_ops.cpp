@@ -1,0 +1,72 @@
+// torch.ops.bigtri.rasterize and the instruction-set switch.
+
+#include "checks.h"
+
+namespace bigtri {
+namespace {
+
+void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width, std::string cull, std::vector<int64_t> scissor,
+                  std::string variant, const Tensor& packed, std::optional<Tensor> depth, const Tensor& dropped) {
+  const char* op = "rasterize";
+  const Viewport view = viewport(op, height, width, cull, scissor);
+  STD_TORCH_CHECK(variant == "bin_owned", "bigtri::rasterize: variant must be 'bin_owned', got '", variant, "'");
+  check(op, "positions", positions, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
+  check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
+  const int64_t batch = positions.size(0), vertices = positions.size(1);
+  check(op, "packed", packed, ScalarType::Long, {batch, height, width}, "int64 [B, height, width]");
+  if (depth) check(op, "depth", *depth, ScalarType::Float, {batch, height, width}, "float32 [B, height, width]");
+  check(op, "dropped", dropped, ScalarType::Long, {batch}, "int64 [B]");
+  const Parallel parallel = torch_threads();
+  Mesh mesh = checked_mesh(op, parallel, const_data<float>(positions), vertices, triangles);
+  const Kernels& kernels = current_kernels();
+  for (int64_t b = 0; b < batch; ++b) {
+    mesh.positions = const_data<float>(positions) + b * vertices * 4;
+    data<int64_t>(dropped)[b] =
+        rasterize(kernels, parallel, mesh, view, data<int64_t>(packed) + b * height * width, depth ? data<float>(*depth) + b * height * width : nullptr);
+  }
+}
+
+bool has_isa(std::string name) { return find_kernels(name.c_str()) != nullptr; }
+
+std::string isa() { return current_kernels().name; }
+
+void set_isa(std::string name) {
+  const Kernels* kernels = find_kernels(name.c_str());
+  STD_TORCH_CHECK(kernels, "bigtri::set_isa: name must be an instruction set of this machine ('baseline', 'avx2', 'avx512'), got '", name, "'");
+  use_kernels(*kernels);
+}
+
+}  // namespace
+}  // namespace bigtri
+
+STABLE_TORCH_LIBRARY(bigtri, m) {
+  m.def(
+      "rasterize(Tensor positions, Tensor triangles, int height, int width, str cull, int[] scissor, str variant, Tensor(a!) packed, Tensor(b!)? depth, "
+      "Tensor(c!) dropped) -> ()");
+  m.def("has_isa(str name) -> bool");
+  m.def("isa() -> str");
+  m.def("set_isa(str name) -> ()");
+  // The stages, as in docs/architecture.md.
+  m.def(
+      "setup(Tensor positions, Tensor triangles, int height, int width, str cull, int[] scissor) -> (Tensor triangle, Tensor xy, Tensor z, Tensor area, "
+      "Tensor bbox, Tensor w, Tensor corner, Tensor weights, Tensor clipped, Tensor dropped)");
+  m.def("binning(Tensor xy, Tensor bbox, int threshold) -> (Tensor candidates, Tensor kept, Tensor small)");
+  m.def("tile_mask(Tensor xy, Tensor bbox, Tensor queue) -> (Tensor touched, Tensor full)");
+  m.def("scanline(Tensor xy, Tensor bbox, Tensor queue, Tensor touched, Tensor small) -> Tensor");
+  m.def("depth(Tensor xy, Tensor z, Tensor area, Tensor spans) -> Tensor");
+  m.def("visibility(Tensor triangle, Tensor spans, Tensor depth, int height, int width) -> Tensor");
+  // What reads a visibility buffer.
+  m.def("interpolate(Tensor packed, Tensor positions, Tensor triangles, Tensor attributes) -> Tensor");
+  m.def("barycentrics(Tensor packed, Tensor positions, Tensor triangles) -> Tensor");
+  m.def("sample_texture(Tensor texture, Tensor uv, str filter, str wrap) -> Tensor");
+  m.def("lambert(Tensor normals, Tensor albedo, Tensor ambient, Tensor light_directions, Tensor light_colors) -> Tensor");
+  m.def("encode_srgb(Tensor linear, Tensor thresholds) -> Tensor");
+}
+
+STABLE_TORCH_LIBRARY_IMPL(bigtri, CPU, m) { m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_op)); }
+
+STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
+  m.impl("has_isa", TORCH_BOX(&bigtri::has_isa));
+  m.impl("isa", TORCH_BOX(&bigtri::isa));
+  m.impl("set_isa", TORCH_BOX(&bigtri::set_isa));
+}

@@ -1,0 +1,129 @@
+"""The extension: whether it is there, which instruction set it runs on, and what its operators return (fake kernels)."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import torch
+
+ISA_LEVELS = ("baseline", "avx2", "avx512")
+VARIANTS = ("bin_owned",)  # the first one is "auto"
+
+_load_error: ImportError | None = None
+try:
+    importlib.import_module("bigtri._C")
+except ImportError as error:
+    _load_error = error
+
+
+def available() -> bool:
+    """Whether the extension is built and loads."""
+    return _load_error is None
+
+
+def load_error() -> str:
+    """Why the extension is not there; empty if it is."""
+    return str(_load_error or "")
+
+
+def isa_levels() -> list[str]:
+    """The instruction sets that this machine can run, slowest first; all give the same bits. Empty without the extension."""
+    return [name for name in ISA_LEVELS if available() and torch.ops.bigtri.has_isa(name)]
+
+
+def isa() -> str:
+    """The instruction set in use: the best one, or what the environment variable BIGTRI_ISA or ``set_isa`` asked for."""
+    return torch.ops.bigtri.isa()
+
+
+def set_isa(name: str) -> None:
+    """Run on another instruction set from now on, in the whole process.
+
+    Raises:
+        RuntimeError: this machine does not have it.
+    """
+    torch.ops.bigtri.set_isa(name)
+
+
+@contextmanager
+def using_isa(name: str) -> Iterator[None]:
+    """``set_isa(name)`` for the length of a with block."""
+    before = isa()
+    set_isa(name)
+    try:
+        yield
+    finally:
+        set_isa(before)
+
+
+def _new_size() -> torch.SymInt:
+    """A number of rows that only the data decides."""
+    return torch.library.get_ctx().new_dynamic_size(min=0)
+
+
+def _register_fakes() -> None:
+    fake = torch.library.register_fake
+
+    @fake("bigtri::rasterize")
+    def _(positions, triangles, height, width, cull, scissor, variant, packed, depth, dropped):
+        return None
+
+    @fake("bigtri::setup")
+    def _(positions, triangles, height, width, cull, scissor):
+        n = _new_size()
+        i32, f32, i64, f64 = torch.int32, torch.float32, torch.int64, torch.float64
+        shapes = [((n,), i32), ((n, 3, 2), i32), ((n, 3), f32), ((n,), i64), ((n, 4), i32), ((n, 3), f64), ((n, 3), i32)]
+        shapes += [((n, 3, 3), f64), ((n,), torch.bool), ((), i64)]
+        return tuple(positions.new_empty(shape, dtype=dtype) for shape, dtype in shapes)
+
+    @fake("bigtri::binning")
+    def _(xy, bbox, threshold):
+        candidates = _new_size()
+        small = _new_size()
+        return xy.new_empty((candidates, 3)), xy.new_empty((candidates,), dtype=torch.bool), xy.new_empty((small,))
+
+    @fake("bigtri::tile_mask")
+    def _(xy, bbox, queue):
+        masks = queue.new_empty((queue.shape[0],), dtype=torch.int64)
+        return masks, torch.empty_like(masks)
+
+    @fake("bigtri::scanline")
+    def _(xy, bbox, queue, touched, small):
+        return xy.new_empty((_new_size(), 4))
+
+    @fake("bigtri::depth")
+    def _(xy, z, area, spans):
+        return z.new_empty((_new_size(),))
+
+    @fake("bigtri::visibility")
+    def _(triangle, spans, depth, height, width):
+        return triangle.new_empty((height, width), dtype=torch.int64)
+
+    @fake("bigtri::interpolate")
+    def _(packed, positions, triangles, attributes):
+        return attributes.new_empty((*packed.shape, attributes.shape[2]))
+
+    @fake("bigtri::barycentrics")
+    def _(packed, positions, triangles):
+        return positions.new_empty((*packed.shape, 3))
+
+    @fake("bigtri::sample_texture")
+    def _(texture, uv, filter, wrap):
+        return texture.new_empty((uv.shape[0], texture.shape[2]))
+
+    @fake("bigtri::lambert")
+    def _(normals, albedo, ambient, light_directions, light_colors):
+        return torch.empty_like(albedo)
+
+    @fake("bigtri::encode_srgb")
+    def _(linear, thresholds):
+        return torch.empty_like(linear, dtype=torch.uint8)
+
+
+if available():
+    _register_fakes()
+    if (wanted := os.environ.get("BIGTRI_ISA")) and wanted not in isa_levels():
+        raise ImportError(f"bigtri: BIGTRI_ISA must be one of {', '.join(isa_levels())} on this machine, got {wanted!r}")

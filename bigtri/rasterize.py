@@ -1,0 +1,160 @@
+"""The one call that everything else builds on: triangles in, visibility buffer out."""
+
+from __future__ import annotations
+
+import operator
+import sys
+from typing import NamedTuple
+
+import torch
+
+from . import arrays, native
+from .arrays import Array
+from .reference import pipeline
+from .reference.numerics import MAX_SIZE
+
+CULLS = ("none", "back", "front")
+PRECISIONS = ("exact",)
+# packed is (depth bits << 32) | triangle: the low half of each int64 is the triangle, and -1 on the background.
+_LOW_HALF = 0 if sys.byteorder == "little" else 1
+
+
+class Visibility(NamedTuple):
+    """What is visible at each pixel centre; [H, W], or [B, H, W] for a batch. No field requires grad."""
+
+    packed: Array  # int64, (depth bits << 32) | triangle; 2^63 - 1 on the background
+    triangle: Array  # int32, index of the nearest triangle; -1 on the background. A view of packed, not a copy.
+    depth: Array | None  # float32, window depth in [0, 1], 0 = near; +inf on the background. None where depth=False was passed.
+    dropped: Array  # int64 [] or [B], triangles that were not drawn because a coordinate is NaN or infinite
+
+
+def rasterize(
+    positions: Array,
+    triangles: Array,
+    resolution: tuple[int, int],
+    *,
+    backend: str = "auto",
+    variant: str = "auto",
+    precision: str = "exact",
+    cull: str = "none",
+    scissor: tuple[int, int, int, int] | None = None,
+    validate: bool | None = None,
+    depth: bool = True,
+    out: Array | None = None,
+) -> Visibility:
+    """Find the nearest triangle, and its depth, at every pixel centre. Exact: docs/numerics.md says what the bits are.
+
+    Args:
+        positions: float32 [V, 4] or [B, V, 4], clip space as in OpenGL (x right, y up, visible where -w <= x, y, z <= w).
+        triangles: int32 [T, 3], indices into the V positions, shared by all views of a batch.
+        resolution: (height, width) in px, 1 to 16384 each.
+        backend: "reference" (the NumPy oracle), "native" (the extension), or "auto": native where it is built. Same bits.
+        variant: how the native backend schedules the work, "auto" or one of ``bigtri.native.VARIANTS``. Same bits.
+        precision: "exact", the only rung of the ladder so far.
+        cull: "none", "back" or "front": faces not to draw. Front faces are counter-clockwise on the screen.
+        scissor: (x0, y0, x1, y1) in px, half-open; nothing is drawn outside it.
+        validate: on the CPU indices are always checked; there for tensors on other devices.
+        depth: whether to return the depth image. Without it, 4 bytes a pixel are not written.
+        out: int64, contiguous, of ``packed``'s shape: written instead of new memory. Large images gain much from that.
+
+    Returns:
+        Visibility: torch tensors on the device of ``positions``, or NumPy arrays if ``positions`` is one.
+
+    Raises:
+        TypeError, ValueError: an argument of another dtype, shape, device or value; the text names it.
+        RuntimeError: an index in ``triangles`` is out of range (nothing is drawn), or the backend is not built.
+    """
+    op = "rasterize"
+    chosen = arrays.choose_backend(op, backend)
+    arrays.choice(op, "variant", variant, ("auto", *native.VARIANTS))
+    arrays.choice(op, "precision", precision, PRECISIONS)
+    arrays.choice(op, "cull", cull, CULLS)
+    height, width = _integers(op, "resolution", resolution, 2, "(height, width)")
+    if not (1 <= height <= MAX_SIZE and 1 <= width <= MAX_SIZE):
+        raise ValueError(f"bigtri.{op}: resolution must be (height, width), 1 to {MAX_SIZE} each, got {(height, width)}")
+    box = (0, 0, width, height) if scissor is None else _integers(op, "scissor", scissor, 4, "(x0, y0, x1, y1)")
+    if not (box[0] <= box[2] and box[1] <= box[3]):
+        raise ValueError(f"bigtri.{op}: scissor must be (x0, y0, x1, y1) with x0 <= x1 and y0 <= y1, got {tuple(box)}")
+
+    clip = arrays.tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", (2, 3))
+    faces = arrays.tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2)
+    arrays.size(op, "positions", clip, -1, 4, "x, y, z, w")
+    arrays.size(op, "triangles", faces, 1, 3, "corners")
+    arrays.same_device(op, positions=clip, triangles=faces)
+    shape = (*clip.shape[:-2], height, width)
+    views = clip if clip.ndim == 3 else clip[None]
+
+    packed = _output(op, out, shape, clip.device).view(views.shape[0], height, width)
+    dropped = torch.empty(views.shape[0], dtype=torch.int64, device=clip.device)
+    image = torch.empty(packed.shape, dtype=torch.float32, device=clip.device) if depth else None
+    if chosen == "native":
+        if not clip.is_cpu:
+            raise ValueError(f"bigtri.{op}: positions must be on the CPU for backend='native', got {clip.device}")
+        name = native.VARIANTS[0] if variant == "auto" else variant
+        torch.ops.bigtri.rasterize(views, faces, height, width, cull, list(box), name, packed, image, dropped)
+    else:
+        _draw_reference(op, views, faces, box, cull, packed, image, dropped)
+
+    packed = packed.view(shape)
+    result = Visibility(
+        packed,
+        packed.view(torch.int32)[..., _LOW_HALF::2],
+        image if image is None else image.view(shape),
+        dropped if clip.ndim == 3 else dropped[0],
+    )
+    return Visibility(*(field if field is None else arrays.like(field, positions) for field in result))
+
+
+def check_indices(op: str, triangles: torch.Tensor, vertices: int) -> None:
+    """Raise RuntimeError unless every index in ``triangles`` names one of the vertices; the extension checks by itself."""
+    if triangles.numel():
+        low, high = (int(v) for v in torch.aminmax(triangles))
+        if low < 0 or high >= vertices:
+            raise RuntimeError(
+                f"bigtri.{op}: triangles must index positions, 0 to {vertices - 1}, got indices from {low} to {high}"
+            )
+
+
+def _draw_reference(
+    op: str,
+    views: torch.Tensor,
+    faces: torch.Tensor,
+    box: tuple[int, ...],
+    cull: str,
+    packed: torch.Tensor,
+    image: torch.Tensor | None,
+    dropped: torch.Tensor,
+) -> None:
+    """Draw each of ``views`` [B, V, 4] with the reference into packed [B, H, W], depth [B, H, W] and dropped [B]."""
+    check_indices(op, faces, views.shape[1])
+    for b, clip in enumerate(views):
+        result, lost = pipeline.rasterize(clip.cpu().numpy(), faces.cpu().numpy(), *packed.shape[1:], cull, box)
+        packed[b] = torch.from_numpy(result)
+        dropped[b] = lost
+    if image is not None:
+        high = (packed >> 32).to(torch.int32)
+        image.copy_(torch.where(packed == torch.iinfo(torch.int64).max, torch.inf, high.view(torch.float32)))
+
+
+def _integers(op: str, name: str, value: object, count: int, wanted: str) -> tuple[int, ...]:
+    """``value`` as ``count`` integers."""
+    try:
+        numbers = tuple(operator.index(v) for v in value)  # type: ignore[attr-defined]
+    except TypeError:
+        raise TypeError(f"bigtri.{op}: {name} must be {wanted}, integers, got {value!r}") from None
+    if len(numbers) != count:
+        raise ValueError(f"bigtri.{op}: {name} must be {wanted}, {count} integers, got {value!r}")
+    return numbers
+
+
+def _output(op: str, out: Array | None, shape: tuple[int, ...], device: torch.device) -> torch.Tensor:
+    """New memory for ``packed``, or the caller's ``out``."""
+    if out is None:
+        return torch.empty(shape, dtype=torch.int64, device=device)
+    tensor = out if isinstance(out, torch.Tensor) else torch.from_numpy(out)
+    if tensor.dtype != torch.int64 or tensor.shape != shape or not tensor.is_contiguous() or tensor.device != device:
+        raise ValueError(
+            f"bigtri.{op}: out must be int64 {list(shape)}, contiguous, on {device}, "
+            f"got {tensor.dtype} {list(tensor.shape)} on {tensor.device}"
+        )
+    return tensor
