@@ -127,6 +127,7 @@ class _Surface:
         self.covered = seen.triangle >= 0  # bool [B, H, W]
         self.triangle = seen.triangle.clamp(min=0).long()
         self.material = self._per_triangle(torch.from_numpy(scene.material)).long()
+        self.visible_material = torch.where(self.covered, self.material, -1).view(-1)  # [B * H * W], -1 on the background
 
     def of_material(self, values: Sequence[Any], dtype: torch.dtype) -> torch.Tensor:
         """``values``, one per material (a number or a triple), at every pixel: [B, H, W] or [B, H, W, 3]."""
@@ -169,14 +170,15 @@ def _albedo(
     """float32 [B, H, W, 3]: (base colour * texture) * vertex colour; 0 on the background."""
     albedo = surface.of_material([m.base_color for m in scene.materials], torch.float32)
     if "uvs" in attributes:
+        uvs, flat, visible = attributes["uvs"].reshape(-1, 2), albedo.view(-1, 3), surface.visible_material
         for index in scene.used_materials:
             material = scene.materials[index]
             if material.texture is None:
                 continue
-            here = surface.covered & (surface.material == index)
-            texture = torch.from_numpy(material.texture)
-            texel = sample_texture(texture, attributes["uvs"][here], filter=material.filter, wrap=material.wrap, backend=backend)
-            albedo[here] = albedo[here] * texel
+            here = (visible == index).nonzero().squeeze(1)
+            texture, uv = torch.from_numpy(material.texture), uvs.index_select(0, here)
+            texel = sample_texture(texture, uv, filter=material.filter, wrap=material.wrap, backend=backend)
+            flat.index_copy_(0, here, flat.index_select(0, here) * texel)
     if "colors" in attributes:
         applies = surface.of_material([m.vertex_colors for m in scene.materials], torch.bool)
         albedo = torch.where(applies[..., None], albedo * attributes["colors"], albedo)

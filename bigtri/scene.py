@@ -157,7 +157,15 @@ def merge(scenes: Sequence[Scene]) -> Scene:
     if not scenes:
         raise ValueError("bigtri.merge: scenes must hold at least one scene, got none")
     vertex_offset = np.cumsum([0] + [len(s.positions) for s in scenes])
-    material_offset = np.cumsum([0] + [len(s.materials) for s in scenes])
+    materials: dict[int, int] = {}  # a material that several scenes share is kept once: identity to index
+    kept: list[Material] = []
+    indices = []
+    for scene in scenes:
+        own = [_without_missing(material, scene) for material in scene.materials]
+        for material in own:
+            if materials.setdefault(id(material), len(kept)) == len(kept):
+                kept.append(material)
+        indices.append(np.array([materials[id(material)] for material in own], np.int32)[scene.material])
     joined: dict[str, NDArray[np.float32] | None] = {}
     for name, channels in (("normals", 3), ("uvs", 2), ("colors", 3)):
         given = [getattr(s, name) for s in scenes]
@@ -169,8 +177,8 @@ def merge(scenes: Sequence[Scene]) -> Scene:
         scenes[0],
         positions=np.concatenate([s.positions for s in scenes]),
         triangles=np.concatenate([s.triangles + np.int32(o) for s, o in zip(scenes, vertex_offset, strict=False)]),
-        material=np.concatenate([s.material + np.int32(o) for s, o in zip(scenes, material_offset, strict=False)]),
-        materials=tuple(_without_missing(m, s) for s in scenes for m in s.materials),
+        material=np.concatenate(indices),
+        materials=tuple(kept),
         **joined,
     )
 
@@ -238,13 +246,15 @@ def _warn_of_missing_materials(path: Path) -> None:
 
 
 def _without_missing(material: Material, scene: Scene) -> Material:
-    """The material less the effects for which its scene had no data."""
-    return replace(
-        material,
-        texture=material.texture if scene.uvs is not None else None,
-        vertex_colors=material.vertex_colors and scene.colors is not None,
-        smooth=material.smooth and scene.normals is not None,
-    )
+    """The material less the effects for which its scene has no data; the very same where there is nothing to leave out."""
+    missing: dict[str, Any] = {}
+    if material.texture is not None and scene.uvs is None:
+        missing["texture"] = None
+    if material.vertex_colors and scene.colors is None:
+        missing["vertex_colors"] = False
+    if material.smooth and scene.normals is None:
+        missing["smooth"] = False
+    return replace(material, **missing) if missing else material
 
 
 def _check(name: str, value: Any, dtype: type[np.generic], *shape: int | str) -> None:

@@ -1,0 +1,190 @@
+"""The command line: ``bigtri render``, ``info``, ``bench`` and ``demo``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+# Exit codes: 0 done, 1 it could not be done, 2 the command line was wrong (argparse's own).
+_FAILED = 1
+
+_EXAMPLES = """\
+examples:
+  bigtri render model.glb -o model.png
+  bigtri render model.obj -o views.png --view all --size 1920x1080
+  bigtri demo --out pictures
+  bigtri info
+"""
+
+_RENDER_EXAMPLES = """\
+examples:
+  bigtri render duck.glb -o duck.png
+  bigtri render duck.glb -o duck.png --size 1920x1080 --azimuth 120 --elevation 10 --supersample 3
+  bigtri render duck.glb -o duck.png --view all       writes duck-shaded.png, duck-normals.png, ...
+  bigtri render scan.ply -o scan.png --up z --view bins
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments[:1] == ["bench"]:
+        # The benchmark has a parser of its own, --help included.
+        from . import benchmark
+
+        return benchmark.main(arguments[1:])
+    options = _parser().parse_args(arguments)
+    warnings.showwarning = _show_warning
+    try:
+        return options.run(options)
+    except (OSError, ValueError, TypeError, RuntimeError, ImportError) as error:
+        print(f"bigtri {options.command}: {error}", file=sys.stderr)
+        return _FAILED
+    except KeyboardInterrupt:
+        print(f"bigtri {options.command}: interrupted", file=sys.stderr)
+        return _FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    from . import __version__
+
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(
+        "bigtri", description="Exact software rasterization of large triangles.", epilog=_EXAMPLES, formatter_class=raw
+    )
+    parser.add_argument("--version", action="version", version=f"bigtri {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_render(commands.add_parser("render", help="a picture of a 3D model", epilog=_RENDER_EXAMPLES, formatter_class=raw))
+    info = commands.add_parser("info", help="versions, processor and build, for a bug report")
+    info.set_defaults(run=_info)
+    commands.add_parser("bench", help="measure how fast rasterize is on this machine; see bigtri bench --help")
+    about = "draw, explain and time a scene of large triangles"
+    demo = commands.add_parser("demo", help=about, epilog="example:\n  bigtri demo --out pictures", formatter_class=raw)
+    demo.add_argument("--out", type=Path, default=Path("bigtri-demo"), help="folder for the pictures (default: %(default)s)")
+    demo.add_argument("--size", type=_size, default=(1920, 1080), metavar="WxH", help="pixels (default: 1920x1080)")
+    _add_execution(demo)
+    demo.set_defaults(run=_demo)
+    return parser
+
+
+def _add_render(parser: argparse.ArgumentParser) -> None:
+    from .views import VIEWS
+
+    parser.description = "Draw a GLB, glTF, OBJ, PLY, STL or OFF file, seen from around it."
+    parser.add_argument("model", type=Path, help="the file to draw")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="the picture to write: .png, .jpg, .tif or .bmp")
+    parser.add_argument("--size", type=_size, default=(1280, 960), metavar="WxH", help="pixels (default: 1280x960)")
+    parser.add_argument("--view", choices=(*VIEWS, "all"), default="shaded", help="what to show (default: %(default)s)")
+    camera = parser.add_argument_group("camera")
+    camera.add_argument("--azimuth", type=float, default=30.0, help="degrees around the up axis (default: %(default)g)")
+    camera.add_argument("--elevation", type=float, default=20.0, help="degrees above the horizon (default: %(default)g)")
+    camera.add_argument("--distance", type=float, default=1.0, help="1 fits the model, 2 is twice as far (default: %(default)g)")
+    camera.add_argument("--fov", type=float, default=40.0, help="vertical field of view, degrees (default: %(default)g)")
+    camera.add_argument("--up", choices=("y", "z"), default="y", help="the model's up axis (default: %(default)s)")
+    quality = parser.add_argument_group("quality")
+    quality.add_argument(
+        "--supersample", type=_positive, default=2, metavar="N", help="NxN samples a pixel, shaded view only (default: %(default)d)"
+    )
+    quality.add_argument("--cull", choices=("none", "back", "front"), default="none", help="faces not to draw (default: none)")
+    _add_execution(parser)
+    parser.set_defaults(run=_render)
+
+
+def _add_execution(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("execution (never changes a pixel)")
+    group.add_argument(
+        "--backend", choices=("auto", "reference", "native"), default="auto", help="default: native where it is built"
+    )
+    group.add_argument("--threads", type=_positive, metavar="N", help="threads to use (default: torch's)")
+
+
+def _render(options: argparse.Namespace) -> int:
+    _set_threads(options.threads)
+    from .camera import Camera
+    from .scene import load_scene
+    from .views import VIEWS, picture
+
+    _check_picture_path(options.out)
+    started = time.perf_counter()
+    width, height = options.size
+    _say(f"reading {options.model}")
+    scene = load_scene(options.model).with_(cull=options.cull)
+    _say(f"{len(scene.triangles)} triangles, {len(scene.used_materials)} materials")
+    camera = Camera.framing(
+        scene.bounds, options.azimuth, options.elevation, options.distance, width / height, options.fov, options.up
+    )
+    views = VIEWS if options.view == "all" else (options.view,)
+    for view in views:
+        path = options.out.with_stem(f"{options.out.stem}-{view}") if options.view == "all" else options.out
+        _say(f"drawing {view}")
+        drawn = picture(view, scene, camera, (height, width), backend=options.backend, supersample=options.supersample)
+        _write(path, drawn)
+        print(path)
+    _say(f"done in {time.perf_counter() - started:.1f} s")
+    return 0
+
+
+def _info(options: argparse.Namespace) -> int:
+    from .info import describe
+
+    print(describe())
+    return 0
+
+
+def _demo(options: argparse.Namespace) -> int:
+    _set_threads(options.threads)
+    from .demo import run
+
+    width, height = options.size
+    paths = run(options.out, (height, width), options.backend, _say)
+    for path in paths:
+        print(path)
+    return 0
+
+
+def _check_picture_path(path: Path) -> None:
+    """Complain before the work is done, not after."""
+    kinds = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+    if path.suffix.lower() not in kinds:
+        raise ValueError(f"--out must end in {', '.join(kinds)}, got {path.name!r}")
+    if not path.parent.is_dir():
+        raise ValueError(f"--out: there is no folder {path.parent}: make it first")
+
+
+def _write(path: Path, image: Any) -> None:
+    from skimage import io
+
+    io.imsave(path, image, check_contrast=False)
+
+
+def _set_threads(threads: int | None) -> None:
+    if threads is not None:
+        import torch
+
+        torch.set_num_threads(threads)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, cross, height = text.lower().partition("x")
+    if not (cross and width.isdecimal() and height.isdecimal() and 1 <= int(width) <= 16384 and 1 <= int(height) <= 16384):
+        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, 1 to 16384 each, such as 1920x1080, got {text!r}")
+    return int(width), int(height)
+
+
+def _positive(text: str) -> int:
+    if not (text.isdecimal() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, got {text!r}")
+    return int(text)
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    _say(f"bigtri: warning: {message}")
