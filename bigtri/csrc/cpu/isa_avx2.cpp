@@ -1,4 +1,5 @@
 #pragma GCC target("avx2,bmi,bmi2,lzcnt,popcnt")
+#define BIGTRI_SIMD 256
 #include "rasterize.inl"
 #include "stages.inl"
 

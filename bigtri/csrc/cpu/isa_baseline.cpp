@@ -1,3 +1,4 @@
+#define BIGTRI_SIMD 0
 #include "rasterize.inl"
 #include "stages.inl"
 

@@ -211,18 +211,9 @@ BIGTRI_INLINE f64x8 row_depth(const CellDepth& d, int i, int j) {
 template <bool kThin, bool kFar>
 BIGTRI_INLINE i64x8 row_packed(const CellDepth& d, int i, int j) {
   const f32x8 z = clamp_depth(to_float(row_depth<kThin>(d, i, j)), splat(d.zmin), splat(d.zmax));
-  i64x8 packed = (i64x8)(__builtin_convertvector((u32x8)z, u64x8) << 32 | (uint64_t)d.triangle);
+  i64x8 packed = pack(z, d.triangle);
   if (kFar) packed = __builtin_convertvector(z > 1.0f, i64x8) ? (i64x8){} + kBackground : packed;
   return packed;
-}
-
-BIGTRI_INLINE i64x8 masked(i64x8 packed, uint32_t bits) {
-  return (((int64_t)bits & kLaneBit) != 0) ? packed : (i64x8){} + kBackground;
-}
-
-BIGTRI_INLINE void keep_nearest(int64_t* pixels, i64x8 packed) {
-  const i64x8 old = *(const i64x8u*)pixels;
-  *(i64x8u*)pixels = packed < old ? packed : old;
 }
 
 // ---------------------------------------------------------------- one bin
@@ -278,7 +269,7 @@ BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels)
       const int j = __builtin_ctzll(coverage) / 8;
       const uint32_t bits = coverage >> (8 * j) & 0xff;
       coverage &= ~(0xffull << (8 * j));
-      keep_nearest(tile + j * kBin, masked(row_packed<kThin, kFar>(l.depth, column * kTile, row * kTile + j), bits));
+      keep_nearest(tile + j * kBin, row_packed<kThin, kFar>(l.depth, column * kTile, row * kTile + j), bits);
     }
   }
 }
@@ -344,9 +335,9 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
   for (int y = y0; y < y1; ++y) {
     for (int x = x0; x < x1; x += 8) {
       const int32_t skip = x - x0;
-      const i32x8 f = (row[0] + skip * sx[0]) | (row[1] + skip * sx[1]) | (row[2] + skip * sx[2]);
-      const i64x8 inside = __builtin_convertvector((f >= 0) & (lane < x1 - x), i64x8);
-      keep_nearest(pixels + y * kBin + x, inside ? row_packed<kThin, kFar>(d, x, y) : (i64x8){} + kBackground);
+      const i32x8 outside = (row[0] + skip * sx[0]) | (row[1] + skip * sx[1]) | (row[2] + skip * sx[2]) | (x1 - x - 1 - lane);
+      const uint32_t bits = sign_mask(outside) ^ 0xff;
+      if (bits) keep_nearest(pixels + y * kBin + x, row_packed<kThin, kFar>(d, x, y), bits);
     }
     for (int k = 0; k < 3; ++k) row[k] += sy[k];
   }
@@ -392,94 +383,91 @@ void apply_scissor(const Viewport& v, const Patch& p, int64_t* pixels) {
       if (p.x + i < v.x0 || p.x + i >= v.x1 || p.y + j < v.y0 || p.y + j >= v.y1) pixels[j * kBin + i] = kBackground;
 }
 
-BIGTRI_INLINE void stream(int64_t* to, i64x8 v) {
-#if defined(__AVX512F__)
-  _mm512_stream_si512((__m512i*)to, (__m512i)v);
-#else
-  *(i64x8*)to = v;
-#endif
+// Row j of a patch: the pixels given, or background where there are none.
+BIGTRI_INLINE void store_row(const RasterJob& job, const Patch& p, int j, const int64_t* row) {
+  const i64x8 background = (i64x8){} + kBackground;
+  const int64_t at = (int64_t)(p.y + j) * job.view.width + p.x;
+  int64_t* to = job.packed + at;
+  if (p.width == kBin && ((uintptr_t)to & 63) == 0)
+    for (int i = 0; i < kBin; i += 8) stream(to + i, row ? *(const i64x8*)(row + i) : background);
+  else
+    for (int i = 0; i < p.width; ++i) to[i] = row ? row[i] : kBackground;
+  if (!job.depth) return;
+  float* depth = job.depth + at;
+  for (int i = 0; i < p.width; i += 8) {
+    const i32x8 bits = row ? __builtin_convertvector(*(const i64x8*)(row + i) >> 32, i32x8) : (i32x8){} + 0x7fffffff;
+    const f32x8 z = (bits == 0x7fffffff) ? splat(kInfinity) : (f32x8)bits;
+    const int n = p.width - i;
+    if (n >= 8)
+      *(f32x8u*)(depth + i) = z;
+    else
+      for (int k = 0; k < n; ++k) depth[i + k] = z[k];
+  }
 }
 
 void store_bin(const RasterJob& job, const Patch& p, const int64_t* pixels) {
-  const int64_t width = job.view.width;
-  for (int j = 0; j < p.height; ++j) {
-    const int64_t at = (p.y + j) * width + p.x;
-    const int64_t* row = pixels + j * kBin;
-    int64_t* to = job.packed + at;
-    if (p.width == kBin && ((uintptr_t)to & 63) == 0) {
-      for (int i = 0; i < kBin; i += 8) stream(to + i, *(const i64x8*)(row + i));
-    } else {
-      __builtin_memcpy(to, row, (size_t)p.width * sizeof(int64_t));
+  for (int j = 0; j < p.height; ++j) store_row(job, p, j, pixels + j * kBin);
+}
+
+void store_background(const RasterJob& job, const Patch& p) {
+  for (int j = 0; j < p.height; ++j) store_row(job, p, j, nullptr);
+}
+
+// Draws the list's records that are not behind everything; pixels holds what earlier passes left.
+void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, int bin_x, int bin_y, Scratch* s) {
+  // Whatever covers the whole bin hides all that begins behind its end.
+  float bin_far = kInfinity;
+  for (const uint32_t* e = list; e < end; ++e)
+    if (*e & kEntryFull) {
+      const Record& r = job.records[*e >> kEntryShift];
+      if (!(r.flags & kRecordFar)) bin_far = min_of(bin_far, r.zmax);
     }
-    if (!job.depth) continue;
-    float* depth = job.depth + at;
-    for (int i = 0; i < p.width; i += 8) {
-      const i64x8 v = *(const i64x8*)(row + i);
-      const i32x8 bits = __builtin_convertvector(v >> 32, i32x8);
-      const f32x8 z = (bits == 0x7fffffff) ? splat(kInfinity) : (f32x8)bits;
-      const int n = p.width - i;
-      if (n >= 8)
-        *(f32x8u*)(depth + i) = z;
-      else
-        for (int k = 0; k < n; ++k) depth[i + k] = z[k];
+  for (int i = 0; i < 64; ++i) s->tile_far[i] = kInfinity;
+  int count = 0;
+  bool any_small = false;
+  for (const uint32_t* e = list; e < end; ++e) {
+    if (*e & kEntrySmall) {
+      any_small = true;
+      continue;
     }
+    const Record& r = job.records[*e >> kEntryShift];
+    if (r.zmin > bin_far) continue;
+    Large& l = s->block[count];
+    cell_depth(r, bin_x, bin_y, &l.depth);
+    l.nearest = nearest_depth(l.depth, 0, 0, kBin);
+    if (l.nearest > bin_far) continue;
+    const bool full = *e & kEntryFull;
+    if (full && !l.depth.far) bin_far = min_of(bin_far, farthest_depth(l.depth, 0, 0, kBin));
+    for (int k = 0; k < 3; ++k) l.edge[k] = full ? NarrowEdge{0, 0, 0} : narrow(bin_edge(edge_of(r.x, r.y, k), bin_x, bin_y));
+    const TileMasks m = full ? TileMasks{~0ull, ~0ull} : tile_masks(l.edge);
+    l.touched = m.touched & bbox_tiles(r.x0 - bin_x * kBin, r.y0 - bin_y * kBin, r.x1 - bin_x * kBin, r.y1 - bin_y * kBin);
+    l.full = m.full & l.touched;
+    if (++count == kBlock) {
+      draw_block(s, count, bin_far);
+      count = 0;
+    }
+  }
+  draw_block(s, count, bin_far);
+  if (!any_small) return;
+  for (const uint32_t* e = list; e < end; ++e) {
+    const Record& r = job.records[*e >> kEntryShift];
+    if ((*e & kEntrySmall) && !(r.zmin > bin_far)) draw_small_record(r, bin_x, bin_y, s->pixels);
   }
 }
 
 void raster_bin(const RasterJob& job, int bin, void* memory) {
   Scratch* s = (Scratch*)memory;
   const uint32_t *list = job.entries + job.list_begin[bin], *end = job.entries + job.list_begin[bin + 1];
-  if (list == end && !job.first_pass) return;
   const int bin_x = bin % job.bins_x, bin_y = bin / job.bins_x;
   const Patch patch = patch_of(job, bin_x, bin_y);
-  for (int i = 0; i < kBin * kBin; i += 8) *(i64x8*)(s->pixels + i) = (i64x8){} + kBackground;
-  if (list != end) {
-    if (!job.first_pass) load_bin(job, patch, s->pixels);
-    // Whatever covers the whole bin hides all that begins behind its end.
-    float bin_far = kInfinity;
-    for (const uint32_t* e = list; e < end; ++e)
-      if (*e & kEntryFull) {
-        const Record& r = job.records[*e >> kEntryShift];
-        if (!(r.flags & kRecordFar)) bin_far = min_of(bin_far, r.zmax);
-      }
-    for (int i = 0; i < 64; ++i) s->tile_far[i] = kInfinity;
-    int count = 0;
-    bool any_small = false;
-    for (const uint32_t* e = list; e < end; ++e) {
-      if (*e & kEntrySmall) {
-        any_small = true;
-        continue;
-      }
-      const Record& r = job.records[*e >> kEntryShift];
-      if (r.zmin > bin_far) continue;
-      Large& l = s->block[count];
-      cell_depth(r, bin_x, bin_y, &l.depth);
-      l.nearest = nearest_depth(l.depth, 0, 0, kBin);
-      if (l.nearest > bin_far) continue;
-      const bool full = *e & kEntryFull;
-      if (full) {
-        if (!l.depth.far) bin_far = min_of(bin_far, farthest_depth(l.depth, 0, 0, kBin));
-        for (int k = 0; k < 3; ++k) l.edge[k] = {0, 0, 0};
-      } else {
-        for (int k = 0; k < 3; ++k) l.edge[k] = narrow(bin_edge(edge_of(r.x, r.y, k), bin_x, bin_y));
-      }
-      const TileMasks m = full ? TileMasks{~0ull, ~0ull} : tile_masks(l.edge);
-      l.touched = m.touched & bbox_tiles(r.x0 - patch.x, r.y0 - patch.y, r.x1 - patch.x, r.y1 - patch.y);
-      l.full = m.full & l.touched;
-      if (++count == kBlock) {
-        draw_block(s, count, bin_far);
-        count = 0;
-      }
-    }
-    draw_block(s, count, bin_far);
-    if (any_small)
-      for (const uint32_t* e = list; e < end; ++e) {
-        if (!(*e & kEntrySmall)) continue;
-        const Record& r = job.records[*e >> kEntryShift];
-        if (!(r.zmin > bin_far)) draw_small_record(r, bin_x, bin_y, s->pixels);
-      }
-    apply_scissor(job.view, patch, s->pixels);
+  if (list == end) {
+    if (job.first_pass) store_background(job, patch);
+    return;
   }
+  for (int i = 0; i < kBin * kBin; i += 8) *(i64x8*)(s->pixels + i) = (i64x8){} + kBackground;
+  if (!job.first_pass) load_bin(job, patch, s->pixels);
+  draw_list(job, list, end, bin_x, bin_y, s);
+  apply_scissor(job.view, patch, s->pixels);
   store_bin(job, patch, s->pixels);
 }
 

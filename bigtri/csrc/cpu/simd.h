@@ -1,5 +1,6 @@
 // Eight pixels of a row, or sixteen of two rows, as compiler vectors. gcc and clang lower them to whatever the translation unit's target has, element by
-// element the same IEEE operations; only the sign mask needs to know the instruction set.
+// element the same IEEE operations. Where that lowering falls short, a few functions spell it out for BIGTRI_SIMD = 256 (AVX2) or 512 (AVX-512), which the including file
+// defines: a target pragma does not define __AVX2__ and the like.
 #pragma once
 
 #include <stdint.h>
@@ -30,15 +31,25 @@ constexpr i64x8 kLaneBit = {1, 2, 4, 8, 16, 32, 64, 128};
 
 // Bit i: lane i is negative.
 BIGTRI_INLINE uint32_t sign_mask(i32x16 v) {
-#if defined(__AVX512DQ__)
+#if BIGTRI_SIMD >= 512
   return _mm512_movepi32_mask((__m512i)v);
-#elif defined(__AVX2__)
+#elif BIGTRI_SIMD >= 256
   const uint32_t low = _mm256_movemask_ps((__m256)__builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7));
   const uint32_t high = _mm256_movemask_ps((__m256)__builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15));
   return low | high << 8;
 #else
   uint32_t mask = 0;
   for (int i = 0; i < 16; ++i) mask |= ((uint32_t)v[i] >> 31) << i;
+  return mask;
+#endif
+}
+
+BIGTRI_INLINE uint32_t sign_mask(i32x8 v) {
+#if BIGTRI_SIMD >= 256
+  return (uint32_t)_mm256_movemask_ps((__m256)v);
+#else
+  uint32_t mask = 0;
+  for (int i = 0; i < 8; ++i) mask |= ((uint32_t)v[i] >> 31) << i;
   return mask;
 #endif
 }
@@ -51,6 +62,48 @@ BIGTRI_INLINE f32x8 clamp_depth(f32x8 f, f32x8 low, f32x8 high) {
   f = f < low ? low : f;
   f = high < f ? high : f;
   return f + 0.0f;
+}
+
+// The high half from the depth, the low half from the triangle.
+BIGTRI_INLINE i64x8 pack(f32x8 z, uint64_t triangle) {
+#if BIGTRI_SIMD >= 512
+  const __m512i bits = _mm512_slli_epi64(_mm512_cvtepu32_epi64((__m256i)z), 32);
+  return (i64x8)_mm512_or_si512(bits, _mm512_set1_epi64((int64_t)triangle));
+#else
+  return (i64x8)(__builtin_convertvector((u32x8)z, u64x8) << 32 | triangle);
+#endif
+}
+
+// pixels[i] = min(pixels[i], packed[i]) for all eight, or where bit i is set.
+BIGTRI_INLINE void keep_nearest(int64_t* pixels, i64x8 packed) {
+#if BIGTRI_SIMD >= 512
+  _mm512_storeu_si512(pixels, _mm512_min_epi64(_mm512_loadu_si512(pixels), (__m512i)packed));
+#else
+  const i64x8 old = *(const i64x8u*)pixels;
+  *(i64x8u*)pixels = packed < old ? packed : old;
+#endif
+}
+
+BIGTRI_INLINE void keep_nearest(int64_t* pixels, i64x8 packed, uint32_t bits) {
+#if BIGTRI_SIMD >= 512
+  const __m512i old = _mm512_loadu_si512(pixels);
+  _mm512_storeu_si512(pixels, _mm512_mask_min_epi64(old, (__mmask8)bits, old, (__m512i)packed));
+#else
+  const i64x8 old = *(const i64x8u*)pixels;
+  *(i64x8u*)pixels = ((packed < old) & (((int64_t)bits & kLaneBit) != 0)) ? packed : old;
+#endif
+}
+
+// To memory that is not read again soon: past the caches.
+BIGTRI_INLINE void stream(int64_t* to, i64x8 v) {
+#if BIGTRI_SIMD >= 512
+  _mm512_stream_si512((__m512i*)to, (__m512i)v);
+#elif BIGTRI_SIMD >= 256
+  _mm256_stream_si256((__m256i*)to, (__m256i)__builtin_shufflevector(v, v, 0, 1, 2, 3));
+  _mm256_stream_si256((__m256i*)(to + 4), (__m256i)__builtin_shufflevector(v, v, 4, 5, 6, 7));
+#else
+  *(i64x8*)to = v;
+#endif
 }
 
 }  // namespace bigtri
