@@ -104,11 +104,10 @@ def _precedes(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool
 def _cut(polygons: Polygons, slots: NDArray[np.float64], plane: Plane, number: int) -> Polygons:
     """Cuts all polygons with one plane; those of triangles wholly inside it stay as they are."""
     crosses = (plane.distance(slots) < 0).any(axis=1)  # [C]
-    distance = plane.distance(polygons.position)  # [M]
-    inside = (distance >= 0) | ~crosses[polygons.owner]
+    inside = (plane.distance(polygons.position) >= 0) | ~crosses[polygons.owner]  # [M]
     following = _following(polygons.owner)
     a = np.flatnonzero(inside != inside[following])  # the polygon edges a -> b that the plane crosses
-    made = _crossing_vertices(polygons, a, following[a], distance, slots, plane, number)
+    made = _crossing_vertices(polygons, a, following[a], slots, plane, number)
     # The vertex made on the edge that begins at vertex i comes right behind it, so they get the sort keys 2i + 1 and 2i.
     order = np.argsort(np.concatenate([2 * np.flatnonzero(inside), 2 * a + 1]))
     return Polygons(*(np.concatenate([old[inside], new])[order] for old, new in zip(polygons, made, strict=True)))
@@ -130,55 +129,48 @@ def _extent(owner: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int
 
 
 def _crossing_vertices(
-    polygons: Polygons,
-    a: NDArray[np.int64],
-    b: NDArray[np.int64],
-    distance: NDArray[np.float64],
-    slots: NDArray[np.float64],
-    plane: Plane,
-    number: int,
+    polygons: Polygons, a: NDArray[np.int64], b: NDArray[np.int64], slots: NDArray[np.float64], plane: Plane, number: int
 ) -> Polygons:
     """The vertices on the polygon edges from vertex a[i] to vertex b[i], exactly one of which is inside the plane."""
     owner = polygons.owner[a]
     edges = polygons.edges[a] & polygons.edges[b]
     j = _LOWEST_EDGE[edges]
-    p, q = slots[owner, j], slots[owner, (j + 1) % 3]
-    original = (edges != 0) & ((plane.distance(p) >= 0) != (plane.distance(q) >= 0))
+    k = (j + 1) % 3
+    begin, end = slots[owner, j], slots[owner, k]
+    # Rounding of an earlier cut can leave a and b on different sides while their original edge is on one.
+    original = ((edges != 0) & ((plane.distance(begin) >= 0) != (plane.distance(end) >= 0)))[:, None]
+    # The other edges belong to this polygon alone, but the result must not depend on the direction either.
+    swap = _precedes(polygons.position[b], polygons.position[a])
+    low, high = np.where(swap, b, a), np.where(swap, a, b)
 
-    position, weights = _between_new_vertices(polygons, a, b, distance)
-    position[original], weights[original] = _on_original_edge(p[original], q[original], j[original], plane)
+    unit = np.eye(3)
+    p, weights_p = np.where(original, begin, polygons.position[low]), np.where(original, unit[j], polygons.weights[low])
+    q, weights_q = np.where(original, end, polygons.position[high]), np.where(original, unit[k], polygons.weights[high])
+    position, weights = _meet(plane, p, q, weights_p, weights_q)
     made = (polygons.made[a] & polygons.made[b]) | np.uint8(1 << number)
     return Polygons(owner, position, weights, edges, made)
 
 
-def _on_original_edge(
-    p: NDArray[np.float64], q: NDArray[np.float64], j: NDArray[np.int64], plane: Plane
+def _meet(
+    plane: Plane,
+    p: NDArray[np.float64],
+    q: NDArray[np.float64],
+    weights_p: NDArray[np.float64],
+    weights_q: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions [M, 4] and weights [M, 3] where the plane cuts the original edges j [M] from p to q [M, 4].
+    """Position [M, 4] and weights [M, 3] of the points where the plane cuts the lines from p to q [M, 4].
 
-    The point is |dq| * p + |dp| * q with the distances dp, dq written out. Its products of two float32 components are exact.
+    The point is |dq| * p + |dp| * q with the distances dp and dq written out, so that what cancels does so before it is rounded:
+    products of two float32 components are exact. No interpolation p + (q - p) * t comes close where p and q differ by more than
+    float64's 53 bits.
     """
     position = plane.a * (q * p[:, [plane.p]] - q[:, [plane.p]] * p) + plane.b * (q * p[:, [plane.q]] - q[:, [plane.q]] * p)
-    dp, dq = plane.distance(p), plane.distance(q)
-    position = np.where(dp[:, None] < 0, -position, position)
-    row = np.arange(len(j))
-    weights = np.zeros((len(j), 3))
-    weights[row, j] = np.abs(dq)
-    weights[row, (j + 1) % 3] = np.abs(dp)
+    dp, dq = plane.distance(p)[:, None], plane.distance(q)[:, None]
+    position = np.where(dp < 0, -position, position)
+    weights = np.abs(dq) * weights_p + np.abs(dp) * weights_q
     # A power of two changes no mantissa; it keeps later products far from overflow.
-    exponent = -np.frexp(np.abs(dp) + np.abs(dq))[1][:, None]
+    exponent = -np.frexp(np.abs(dp) + np.abs(dq))[1]
     return np.ldexp(position, exponent), np.ldexp(weights, exponent)
-
-
-def _between_new_vertices(
-    polygons: Polygons, a: NDArray[np.int64], b: NDArray[np.int64], distance: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions [M, 4] and weights [M, 3] on the polygon edges a -> b, the same for either direction."""
-    swap = _precedes(polygons.position[b], polygons.position[a])
-    a, b = np.where(swap, b, a), np.where(swap, a, b)
-    t = (distance[a] / (distance[a] - distance[b]))[:, None]
-    position, weights = (v[a] + (v[b] - v[a]) * t for v in (polygons.position, polygons.weights))
-    return position, weights
 
 
 def _drawable(polygons: Polygons, count: int) -> Polygons:

@@ -44,9 +44,7 @@ def resolve(
     return records, index.reshape(height, width)
 
 
-def _first_covering(
-    records: Records, parent: NDArray[np.int64], x: NDArray[np.int64], y: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _first_covering(records: Records, parent: NDArray[np.int64], x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.int64]:
     """int64 [P]: the first record of triangle parent[i] that covers pixel (x[i], y[i]), -1 if none does."""
     found = np.full(len(parent), -1, np.int64)
     candidate = np.searchsorted(records.triangle, parent, side="left")

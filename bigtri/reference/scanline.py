@@ -54,9 +54,7 @@ def _small_spans(records: Records, small: NDArray[np.int32]) -> NDArray[np.int64
     return np.stack([record[covered], y[covered], lower[covered], upper[covered]], axis=1)
 
 
-def _row_spans(
-    records: Records, record: NDArray[np.int64], y: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _row_spans(records: Records, record: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """[lower, upper) int64 [R], px: record[i]'s covered pixels on row y[i], cut to its bbox; lower >= upper where there are none.
 
     A pixel x is covered where f - dy * x >= 0 for all three edges, f being the value at pixel 0 of the row. Hence

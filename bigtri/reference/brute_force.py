@@ -1,0 +1,397 @@
+"""The oracle's oracle: one triangle and one pixel at a time, in Python's own integers, fractions and floats.
+
+It shares no code with the other stages, on purpose, and goes another way wherever the specification allows one:
+
+* ``records`` follows docs/numerics.md section 2 step by step. Snapping and clipping are *defined* by their float64 operations,
+  so an exact rational result would be a wrong one; Python's floats are float64 and round every operation once.
+* ``covers`` decides coverage with integers, by the signs of edge functions at a sample that is moved by an infinitesimal step.
+* ``exact_depth`` is the true depth of the snapped plane, a fraction: what ``depth`` approximates.
+* ``outline`` and ``true_side`` are the true projection of the triangle, neither clipped nor snapped, in fractions: where the
+  clipper's result should be.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from fractions import Fraction
+from math import frexp, inf, isfinite, lcm, ldexp
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = tuple[float, ...]
+Point = tuple[int, int]
+Plane = tuple[tuple[int, float], tuple[int, float]]  # two (component of a position, coefficient)
+NOTHING = 0x7FFF_FFFF_FFFF_FFFF  # the packed value of the background
+
+
+class Record(NamedTuple):
+    """One oriented (sub)triangle; the fields are those of ``Records``."""
+
+    triangle: int
+    xy: tuple[Point, Point, Point]  # subpx
+    z: Vector  # 3 window depths, float32 values
+    area: int
+    bbox: tuple[int, int, int, int]  # px
+    w: Vector
+    corner: tuple[int, int, int]
+    weights: tuple[Vector, Vector, Vector]
+    clipped: bool
+
+
+class _Vertex(NamedTuple):
+    position: Vector
+    weights: Vector = (0.0, 0.0, 0.0)
+    edges: frozenset[int] = frozenset()
+    made: frozenset[str] = frozenset()
+
+
+# --- Setup -------------------------------------------------------------------------------------------------------------------
+
+
+def records(
+    positions: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    height: int,
+    width: int,
+    cull: str = "none",
+    scissor: tuple[int, int, int, int] | None = None,
+) -> tuple[list[Record], int]:
+    """The records of ``triangles`` [T, 3] in order, and the number of triangles dropped for a NaN or an infinity."""
+    result: list[Record] = []
+    dropped = 0
+    for index, triangle in enumerate(triangles.tolist()):
+        corners = [tuple(positions[v].tolist()) for v in triangle]
+        if not all(isfinite(c) for corner in corners for c in corner):
+            dropped += 1
+            continue
+        for sub in _sub_triangles(corners, height, width):
+            record = _oriented(index, *sub, _window(height, width, scissor), cull)
+            if record is not None:
+                result.append(record)
+    return result, dropped
+
+
+def _sub_triangles(corners: list[Vector], height: int, width: int) -> list[tuple]:
+    """Lists (snapped vertices, depths, w, corner, weights, clipped), not yet oriented."""
+    planes = _planes(height, width)
+    outside = {name: [_distance(plane, c) < 0 for c in corners] for name, plane in planes.items()}
+    if any(all(flags) for flags in outside.values()):
+        return []
+    unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    if not any(any(flags) for flags in outside.values()):
+        if min(c[3] for c in corners) <= 0:
+            return []
+        xy = [_snap(c, height, width) for c in corners]
+        return [(xy, [_depth32(c) for c in corners], [c[3] for c in corners], (0, 1, 2), unit, False)]
+
+    first = corners.index(min(corners))
+    corner = (first, (first + 1) % 3, (first + 2) % 3)
+    slots = [_Vertex(corners[c], unit[m], frozenset({m, (m + 2) % 3})) for m, c in enumerate(corner)]
+    polygon = slots
+    for name, plane in planes.items():
+        if any(outside[name]):
+            polygon = _cut(polygon, slots, name, plane)
+    if len(polygon) < 3 or min(v.position[3] for v in polygon) <= 0:
+        return []
+
+    snapped = [(*_snap_made(v, height, width), _depth_made(v), v.position[3]) for v in polygon]  # X, Y, z, w
+    start = snapped.index(min(snapped))
+    fan = []
+    for k in range(1, len(polygon) - 1):
+        corner_of = [start, (start + k) % len(polygon), (start + k + 1) % len(polygon)]
+        x_y_z_w = [snapped[i] for i in corner_of]
+        weights = tuple(polygon[i].weights for i in corner_of)
+        fan.append(([v[:2] for v in x_y_z_w], [v[2] for v in x_y_z_w], [v[3] for v in x_y_z_w], corner, weights, True))
+    return fan
+
+
+def _planes(height: int, width: int) -> dict[str, Plane]:
+    """By name, the two (component, coefficient) of each plane, in their order."""
+    w, h, guard = 128.0 * width, 128.0 * height, 2.0**23
+    return {
+        "near": ((2, 1.0), (3, 1.0)),
+        "x-": ((0, w), (3, w + guard)),
+        "x+": ((3, guard - 1 - w), (0, -w)),
+        "y-": ((3, h + guard), (1, -h)),
+        "y+": ((3, guard - 1 - h), (1, h)),
+        "depth": ((3, 4.0), (2, -1.0)),
+    }
+
+
+def _distance(plane: Plane, v: Vector) -> float:
+    (p, a), (q, b) = plane
+    return a * v[p] + b * v[q]
+
+
+def _cut(polygon: list[_Vertex], slots: list[_Vertex], name: str, plane: Plane) -> list[_Vertex]:
+    result = []
+    for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+        a_inside = _distance(plane, a.position) >= 0
+        b_inside = _distance(plane, b.position) >= 0
+        if a_inside:
+            result.append(a)
+        if a_inside != b_inside:
+            edges = a.edges & b.edges
+            p, q = sorted((a, b), key=lambda vertex: vertex.position)
+            if edges:
+                begin, end = slots[min(edges)], slots[(min(edges) + 1) % 3]
+                if (_distance(plane, begin.position) >= 0) != (_distance(plane, end.position) >= 0):
+                    p, q = begin, end
+            position, weights = _meet(p, q, plane)
+            result.append(_Vertex(position, weights, edges, frozenset({name}) | (a.made & b.made)))
+    return result
+
+
+def _meet(p: _Vertex, q: _Vertex, plane: Plane) -> tuple[Vector, Vector]:
+    """Position and weights where the plane cuts the line from p to q, one of which is inside."""
+    (i, a), (j, b) = plane
+    dp, dq = _distance(plane, p.position), _distance(plane, q.position)
+    _, exponent = frexp(abs(dp) + abs(dq))
+    v, u = p.position, q.position
+    position = [a * (u[k] * v[i] - u[i] * v[k]) + b * (u[k] * v[j] - u[j] * v[k]) for k in range(4)]
+    weights = [abs(dq) * x + abs(dp) * y for x, y in zip(p.weights, q.weights, strict=True)]
+    return tuple(ldexp(c if dp >= 0 else -c, -exponent) for c in position), tuple(ldexp(c, -exponent) for c in weights)
+
+
+def _snap(position: Vector, height: int, width: int) -> Point:
+    x, y, _, w = position
+    cx, cy, guard = 128 * width, 128 * height, 2**23
+    return (
+        min(max(cx + _nearest(x / w * cx), -guard), guard - 1),
+        min(max(cy - _nearest(y / w * cy), -guard), guard - 1),
+    )
+
+
+def _nearest(value: float) -> int:
+    """The nearest integer, the even one of two; infinities become something far outside any guard band."""
+    return round(min(max(value, -1e30), 1e30))
+
+
+def _snap_made(vertex: _Vertex, height: int, width: int) -> Point:
+    x, y = _snap(vertex.position, height, width)
+    low, high = -(2**23), 2**23 - 1
+    x = low if "x-" in vertex.made else high if "x+" in vertex.made else x
+    y = low if "y-" in vertex.made else high if "y+" in vertex.made else y
+    return x, y
+
+
+def _round32(value: float) -> float:
+    """The nearest float32. Of a float64 result it is what float32 arithmetic gives: 53 bits are 2 * 24 and 2 to spare."""
+    try:
+        return struct.unpack("<f", struct.pack("<f", value))[0]
+    except OverflowError:
+        return inf if value > 0 else -inf
+
+
+def _depth32(position: Vector) -> float:
+    return _round32(_round32(_round32(position[2] / position[3]) * 0.5) + 0.5)
+
+
+def _depth_made(vertex: _Vertex) -> float:
+    if "near" in vertex.made:
+        return 0.0
+    if not vertex.made:
+        return _depth32(vertex.position)
+    return _round32((vertex.position[2] / vertex.position[3]) * 0.5 + 0.5)
+
+
+def _window(height: int, width: int, scissor: tuple[int, int, int, int] | None) -> tuple[int, int, int, int]:
+    x0, y0, x1, y1 = scissor or (0, 0, width, height)
+    return max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
+
+
+def _oriented(
+    triangle: int,
+    xy: list[Point],
+    z: list[float],
+    w: list[float],
+    corner: tuple[int, int, int],
+    weights: tuple[Vector, Vector, Vector],
+    clipped: bool,
+    window: tuple[int, int, int, int],
+    cull: str,
+) -> Record | None:
+    area = _determinant(xy[0], xy[1], xy[2])
+    if area == 0 or (cull == "back" and area > 0) or (cull == "front" and area < 0):
+        return None
+    bbox = (
+        max(_pixels_before(min(x for x, _ in xy)), window[0]),
+        max(_pixels_before(min(y for _, y in xy)), window[1]),
+        min(_pixels_before(max(x for x, _ in xy) + 1), window[2]),
+        min(_pixels_before(max(y for _, y in xy) + 1), window[3]),
+    )
+    if bbox[0] >= bbox[2] or bbox[1] >= bbox[3]:
+        return None
+    first = xy.index(min(xy))
+    step = 1 if area > 0 else 2  # 2 is one backwards
+    a, b, c = first, (first + step) % 3, (first + 2 * step) % 3
+    identity = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    return Record(
+        triangle,
+        (xy[a], xy[b], xy[c]),
+        (z[a], z[b], z[c]),
+        abs(area),
+        bbox,
+        (w[a], w[b], w[c]),
+        corner if clipped else (a, b, c),
+        (weights[a], weights[b], weights[c]) if clipped else identity,
+        clipped,
+    )
+
+
+def _pixels_before(coordinate: int) -> int:
+    """The index of the first pixel whose centre is not before ``coordinate`` (subpx): ceil((coordinate - 128) / 256)."""
+    return -((128 - coordinate) // 256)
+
+
+def _determinant(a: Point, b: Point, c: Point) -> int:
+    """Twice the signed area of (a, b, c), written out term by term."""
+    return a[0] * b[1] - b[0] * a[1] + b[0] * c[1] - c[0] * b[1] + c[0] * a[1] - a[0] * c[1]
+
+
+# --- Coverage ----------------------------------------------------------------------------------------------------------------
+
+
+def covers(record: Record, px: int, py: int) -> bool:
+    """Whether the centre of pixel (px, py) is inside, decided in integers.
+
+    The top-left rule says: move the sample to the right by an infinitesimal step, and down by a still smaller one; then it lies
+    on no edge. The sign of an edge function there is that of the first of (value, x derivative, y derivative) that is not 0.
+    """
+    sample = (256 * px + 128, 256 * py + 128)
+    for k in range(3):
+        p, q = record.xy[(k + 1) % 3], record.xy[(k + 2) % 3]
+        if (_determinant(p, q, sample), p[1] - q[1], q[0] - p[0]) < (0, 0, 0):
+            return False
+    return True
+
+
+def coverage(record: Record, height: int, width: int) -> NDArray[np.bool_]:
+    """bool [H, W]: ``covers`` at every pixel of the bbox, all at once in int64 (48 bits and a sign); False elsewhere."""
+    x0, y0, x1, y1 = record.bbox
+    sx = (256 * np.arange(x0, x1, dtype=np.int64) + 128)[None, :]
+    sy = (256 * np.arange(y0, y1, dtype=np.int64) + 128)[:, None]
+    inside = np.ones((y1 - y0, x1 - x0), np.bool_)
+    for k in range(3):
+        (ax, ay), (bx, by) = record.xy[(k + 1) % 3], record.xy[(k + 2) % 3]
+        value = (ay - by) * sx + (bx - ax) * sy + (ax * by - bx * ay)
+        inside &= (value > 0) | ((value == 0) & ((ay - by, bx - ax) > (0, 0)))
+    result = np.zeros((height, width), np.bool_)
+    result[y0:y1, x0:x1] = inside
+    return result
+
+
+# --- Depth -------------------------------------------------------------------------------------------------------------------
+
+
+def exact_depth(record: Record, px: int, py: int) -> Fraction:
+    """The depth of the plane through the snapped vertices at the centre of pixel (px, py)."""
+    return sum(e * Fraction(z) for e, z in zip(_edge_values(record, px, py), record.z, strict=True)) / record.area
+
+
+def depth(record: Record, px: int, py: int) -> float:
+    """The float32 that docs/numerics.md section 7 gives pixel (px, py), one operation after the other."""
+    perimeter = sum(abs(x - u) + abs(y - v) for (x, y), (u, v) in zip(record.xy, record.xy[1:] + record.xy[:1], strict=True))
+    if 256 * perimeter > 32 * record.area:
+        z = _weighted(record, _edge_values(record, px, py))
+    else:
+        left, top = px - px % 64, py - py % 64
+        at_corner = _edge_values(record, left, top)
+        corner = _weighted(record, at_corner)
+        dx = _weighted(record, [b - a for a, b in zip(at_corner, _edge_values(record, left + 1, top), strict=True)])
+        dy = _weighted(record, [b - a for a, b in zip(at_corner, _edge_values(record, left, top + 1), strict=True)])
+        z = (corner + dy * (py - top)) + dx * (px - left)
+    return min(max(_round32(z), min(record.z)), max(record.z)) + 0.0
+
+
+def _edge_values(record: Record, px: int, py: int) -> list[int]:
+    sample = (256 * px + 128, 256 * py + 128)
+    return [_determinant(record.xy[(k + 1) % 3], record.xy[(k + 2) % 3], sample) for k in range(3)]
+
+
+def _weighted(record: Record, g: Sequence[int]) -> float:
+    z = record.z
+    return ((float(g[0]) * z[0] + float(g[1]) * z[1]) + float(g[2]) * z[2]) / float(record.area)
+
+
+# --- The visibility buffer ---------------------------------------------------------------------------------------------------
+
+
+def rasterize(
+    positions: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    height: int,
+    width: int,
+    cull: str = "none",
+    scissor: tuple[int, int, int, int] | None = None,
+) -> tuple[NDArray[np.int64], int]:
+    """int64 [H, W], the packed depth and triangle of every pixel, and the number of dropped triangles.
+
+    Fragments are compared as pairs of numbers (depth, triangle); their bits are packed only at the end.
+    """
+    drawn, dropped = records(positions, triangles, height, width, cull, scissor)
+    nearest: dict[Point, tuple[float, int]] = {}
+    for record in drawn:
+        for py, px in np.argwhere(coverage(record, height, width)).tolist():
+            z = depth(record, px, py)
+            if z <= 1:
+                nearest[px, py] = min(nearest.get((px, py), (inf, 0)), (z, record.triangle))
+    packed = np.full((height, width), NOTHING, np.int64)
+    for (px, py), (z, triangle) in nearest.items():
+        packed[py, px] = struct.unpack("<q", struct.pack("<If", triangle, z))[0]
+    return packed, dropped
+
+
+# --- The true projection -----------------------------------------------------------------------------------------------------
+
+
+class HalfPlane(NamedTuple):
+    """a * x + b * y + c >= 0 for a point (x, y) of the image, px from the upper left corner; integers, up to a common factor."""
+
+    a: int
+    b: int
+    c: int
+
+
+def outline(corners: Sequence[Vector], height: int, width: int) -> list[HalfPlane]:
+    """The half-planes whose intersection is what a clip-space triangle [3] of (x, y, z, w) shows at w > 0 and z >= -w.
+
+    A point of the triangle is ``sum u_m * corner_m``, u >= 0. It appears at normalized device coordinates (nx, ny) where its
+    (x, y, w) is a positive multiple of n = (nx, ny, 1), which Cramer's rule solves: u_m = det(n, next, one after) / det(all),
+    linear in nx and ny. So is z + w at that point. An empty list: the triangle is seen edge-on and shows nothing.
+    """
+    exact = [[Fraction(c) for c in corner] for corner in corners]
+    x_y_w = [(x, y, w) for x, y, _, w in exact]
+    normals = [_cross(x_y_w[1], x_y_w[2]), _cross(x_y_w[2], x_y_w[0]), _cross(x_y_w[0], x_y_w[1])]
+    det = sum(a * b for a, b in zip(normals[0], x_y_w[0], strict=True))
+    if det == 0:
+        return []
+    lines = [[c / det for c in normal] for normal in normals]
+    lines.append([sum((corner[2] + corner[3]) * line[k] for corner, line in zip(exact, lines, strict=True)) for k in range(3)])
+    # nx = 2x / W - 1, ny = 1 - 2y / H
+    return [_integral(2 * a / width, -2 * b / height, c - a + b) for a, b, c in lines]
+
+
+def _integral(a: Fraction, b: Fraction, c: Fraction) -> HalfPlane:
+    scale = lcm(a.denominator, b.denominator, c.denominator)
+    return HalfPlane(int(a * scale), int(b * scale), int(c * scale))
+
+
+def true_side(half_planes: list[HalfPlane], px: int, py: int) -> int:
+    """1: the pixel's centre is inside of every border by more than 1/256 px; -1: outside of one by more than that; else 0."""
+    return min((_side(half_plane, px, py) for half_plane in half_planes), default=-1)
+
+
+def _side(half_plane: HalfPlane, px: int, py: int) -> int:
+    a, b, c = half_plane
+    twice = a * (2 * px + 1) + b * (2 * py + 1) + 2 * c
+    if twice * twice * 128 * 128 <= a * a + b * b:  # distance = |twice| / 2 / sqrt(a^2 + b^2)
+        return 0
+    return 1 if twice > 0 else -1
+
+
+def _cross(a: Sequence[Fraction], b: Sequence[Fraction]) -> tuple[Fraction, Fraction, Fraction]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
