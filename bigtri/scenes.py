@@ -251,7 +251,5 @@ SCENES: dict[str, Recipe] = {
     "S5": Recipe("1000 slivers", lambda w, h, seed: slivers(1000, w, h, seed + 50)),
     "S6": Recipe("1M small triangles", lambda w, h, seed: small_mesh(1_000_000, w, h, seed + 60)),
     "S6-200k": Recipe("200k small triangles", lambda w, h, seed: small_mesh(200_000, w, h, seed + 60, MESH_CELL_200K)),
-    "S7": Recipe(
-        "S2 and S6", lambda w, h, seed: joined(large(64, w, h, seed + 20), small_mesh(1_000_000, w, h, seed + 60))
-    ),
+    "S7": Recipe("S2 and S6", lambda w, h, seed: joined(large(64, w, h, seed + 20), small_mesh(1_000_000, w, h, seed + 60))),
 }

@@ -1,0 +1,74 @@
+"""What writing the image alone costs: the floor under any rasterizer that fills a packed buffer of W*H*8 bytes.
+
+Three ways to fill a buffer that is already mapped, at each thread count: torch's `fill_` and NumPy's `fill` (a store loop), and
+libc's `memset`, which need not read a line before it overwrites it (NumPy and memset on disjoint slices, one per thread). In
+the last column a buffer of 1 GiB, beyond every cache: the memory's own bandwidth.
+
+    python bench/memory_floor.py --threads 1,2
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import statistics
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import torch
+
+SIZES = {"1920x1080": 1920 * 1080 * 8, "3840x2160": 3840 * 2160 * 8, "1 GiB": 1 << 30}  # bytes
+libc = ctypes.CDLL(None)
+libc.memset.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_size_t]
+
+
+def median_ms(call: Callable[[], object], seconds: float) -> float:
+    """Median of the calls that fit in `seconds`, at least 5, after one to warm up."""
+    call()
+    times: list[float] = []
+    end = time.perf_counter() + seconds
+    while len(times) < 5 or time.perf_counter() < end:
+        start = time.perf_counter()
+        call()
+        times.append((time.perf_counter() - start) * 1e3)
+    return statistics.median(times)
+
+
+def fills(buffer: torch.Tensor, threads: int, pool: ThreadPoolExecutor) -> dict[str, Callable[[], object]]:
+    """The ways to fill an int64 buffer with `threads` threads. NumPy and ctypes let go of the interpreter lock."""
+    parts = np.array_split(buffer.numpy(), threads)
+
+    def numpy_part(part: np.ndarray) -> None:
+        part.fill(-1)
+
+    def memset_part(part: np.ndarray) -> None:
+        libc.memset(part.ctypes.data, 0xFF, part.nbytes)
+
+    def over(work: Callable[[np.ndarray], None]) -> Callable[[], object]:
+        return (lambda: work(parts[0])) if threads == 1 else (lambda: list(pool.map(work, parts)))
+
+    return {"torch fill_": lambda: buffer.fill_(-1), "numpy fill": over(numpy_part), "memset": over(memset_part)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--threads", default="1,2")
+    parser.add_argument("--seconds", type=float, default=0.5, help="time for each figure")
+    arguments = parser.parse_args()
+    print(f"{'fill':12} {'threads':>7}" + "".join(f" {size + ', ms (GB/s)':>24}" for size in SIZES))
+    for threads in map(int, arguments.threads.split(",")):
+        torch.set_num_threads(threads)
+        with ThreadPoolExecutor(threads) as pool:
+            cells: dict[str, list[str]] = {}
+            for size in SIZES.values():
+                for name, call in fills(torch.empty(size // 8, dtype=torch.int64), threads, pool).items():
+                    ms = median_ms(call, arguments.seconds)
+                    cells.setdefault(name, []).append(f"{ms:.3f} ({size / ms / 1e6:.1f})")
+        for name, row in cells.items():
+            print(f"{name:12} {threads:7}" + "".join(f" {cell:>24}" for cell in row), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,346 @@
+"""The benchmark's clock: times `bigtri.rasterize` on the scenes of `bigtri.scenes`, one CSV row per case.
+
+A case is (scene, resolution, threads, instruction set, variant). The clock warms up, then repeats until the case's time is
+spent, and reports median, minimum and quartiles: on a shared machine the minimum is what the code can do, the distance between
+the quartiles how far to trust the median. What is timed is the whole call, into an image that exists already: setup, clear,
+every triangle, packed depth and id. `bench/` has the drivers that put other rasterizers beside it; they write the same rows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+import itertools
+import math
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from . import scenes
+
+BACKGROUND = 2**63 - 1  # packed value of a pixel without a triangle
+DEFAULT_SCENES = "S1,S2,S3,S4f,S4b,S5,S6-200k"
+
+
+# --- the clock
+
+
+class Timing(NamedTuple):
+    """Milliseconds per call."""
+
+    median: float
+    minimum: float
+    p25: float
+    p75: float
+    repeats: int
+
+
+def summary(ms: Sequence[float]) -> Timing:
+    p25, median, p75 = np.percentile(ms, [25, 50, 75])
+    return Timing(float(median), float(min(ms)), float(p25), float(p75), len(ms))
+
+
+def clock(call: Callable[[], object], seconds: float, warm: int = 2, at_least: int = 5, at_most: int = 1000) -> list[float]:
+    """Milliseconds of each call, for about `seconds` but at least `at_least` calls, after `warm` calls that do not count."""
+    for _ in range(warm):
+        call()
+    ms: list[float] = []
+    end = time.perf_counter() + seconds
+    while len(ms) < at_least or (time.perf_counter() < end and len(ms) < at_most):
+        start = time.perf_counter()
+        call()
+        ms.append((time.perf_counter() - start) * 1e3)
+    return ms
+
+
+def peak_mib(call: Callable[[], object]) -> float | None:
+    """How far the resident memory rises above where it was during `call`, MiB; None where the system cannot say.
+
+    Measured on a first call, before scratch memory is kept for reuse.
+    """
+
+    def resident(field: str) -> int:  # KiB
+        return int(next(line for line in status.read_text().splitlines() if line.startswith(field)).split()[1])
+
+    status = Path("/proc/self/status")
+    try:
+        Path("/proc/self/clear_refs").write_text("5")  # resets VmHWM, the high-water mark (Linux)
+        before = resident("VmRSS")
+    except (OSError, StopIteration):
+        call()
+        return None
+    call()
+    return max(0, resident("VmHWM") - before) / 1024
+
+
+# --- rows
+
+
+@dataclasses.dataclass
+class Row:
+    """One case's outcome; the fields are the CSV's columns."""
+
+    renderer: str  # "bigtri", or the peer's name
+    variant: str
+    precision: str
+    effects: str
+    scene: str
+    triangles: int
+    width: int  # px
+    height: int  # px
+    threads: int
+    isa: str
+    device: str
+    versions: str
+    commit: str
+    command: str
+    ms_median: float = math.nan
+    ms_min: float = math.nan
+    ms_p25: float = math.nan
+    ms_p75: float = math.nan
+    repeats: int = 0
+    fragments: int | None = None  # covered samples of all triangles, hidden ones too
+    covered_px: int | None = None  # pixels with a triangle
+    peak_mib: float | None = None  # resident memory above the inputs and the output image
+    ratio: float | None = None  # the peer's time over bigtri's in the same rounds, median of the rounds
+    ratio_p25: float | None = None
+    ratio_p75: float | None = None
+
+    def timed(self, timing: Timing) -> Row:
+        """This row with a clock's reading."""
+        median, minimum, p25, p75, repeats = timing
+        return dataclasses.replace(self, ms_median=median, ms_min=minimum, ms_p25=p25, ms_p75=p75, repeats=repeats)
+
+
+def write_csv(path: str | Path, rows: Iterable[Row]) -> None:
+    """Writes rows under a header, in place of what the file held."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([field.name for field in dataclasses.fields(Row)])
+        for row in rows:
+            values = dataclasses.astuple(row)
+            writer.writerow(["" if v is None else f"{v:.4f}" if isinstance(v, float) else v for v in values])
+
+
+def device() -> str:
+    """The CPU's name and how many of its cores this process may use."""
+    name = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        name = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        pass
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return f"{name}, {cores} cores"
+
+
+def versions() -> str:
+    import torch
+
+    import bigtri
+
+    return f"bigtri {bigtri.__version__}; torch {torch.__version__}; numpy {np.__version__}; python {platform.python_version()}"
+
+
+def commit() -> str:
+    """The checkout's commit, with -dirty where files differ from it; empty outside a checkout."""
+    describe = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    try:
+        return subprocess.run(describe, cwd=Path(__file__).parent, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+def command() -> str:
+    """This process's command line, without the folder of the program."""
+    program = Path(sys.argv[0]).name
+    return " ".join(["python -m bigtri" if program == "__main__.py" else program, *sys.argv[1:]])
+
+
+# --- cases
+
+
+class Job:
+    """A scene on the CPU, an output image, and the call to be timed."""
+
+    def __init__(self, name: str, width: int, height: int, scene: scenes.Scene, variant: str = "auto") -> None:
+        import torch
+
+        self.name, self.width, self.height, self.variant = name, width, height, variant
+        self.positions = torch.from_numpy(scene.positions)  # [V, 4] float32
+        self.triangles = torch.from_numpy(scene.triangles)  # [T, 3] int32
+        self.packed = torch.full((height, width), BACKGROUND, dtype=torch.int64)
+
+    def draw(self) -> None:
+        import bigtri
+
+        size = (self.height, self.width)
+        bigtri.rasterize(
+            self.positions, self.triangles, size, backend="native", variant=self.variant, out=self.packed, depth=False
+        )
+
+    def covered_px(self) -> int:
+        """Pixels with a triangle in the last image."""
+        return int((self.packed != BACKGROUND).sum())
+
+    def fragments(self) -> int:
+        """Covered samples of all triangles: the spans' lengths, every record taken row by row."""
+        from . import stages
+
+        scene = self.positions.numpy(), self.triangles.numpy()
+        records, _ = stages.setup(*scene, self.height, self.width, backend="native")
+        every = np.arange(len(records.triangle), dtype=np.int32)
+        no_queue, no_tiles = np.empty((0, 3), np.int32), np.empty(0, np.int64)
+        spans = stages.scanline(records, no_queue, no_tiles, every, backend="native")
+        return int((spans[:, 3] - spans[:, 2]).sum(dtype=np.int64))
+
+    def row(self, threads: int, isa: str) -> Row:
+        """The case's row before it is timed."""
+        return Row(
+            renderer="bigtri",
+            variant=self.variant,
+            precision="exact",
+            effects="none",
+            scene=self.name,
+            triangles=len(self.triangles),
+            width=self.width,
+            height=self.height,
+            threads=threads,
+            isa=isa,
+            device=device(),
+            versions=versions(),
+            commit=commit(),
+            command=command(),
+        )
+
+
+@contextmanager
+def setting(threads: int, isa: str | None = None) -> Iterator[None]:
+    """torch's thread count and bigtri's instruction set for a while."""
+    import torch
+
+    from . import native
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        with native.using_isa(isa or native.isa()):
+            yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def measure(job: Job, threads: int, isa: str, seconds: float, fragments: int | None = None) -> Row:
+    """Times a job for about `seconds`: a whole row."""
+    with setting(threads, isa):
+        peak = peak_mib(job.draw)
+        timing = summary(clock(job.draw, seconds, at_least=3))
+    row = job.row(threads, isa).timed(timing)
+    return dataclasses.replace(row, fragments=fragments, covered_px=job.covered_px(), peak_mib=peak)
+
+
+# --- the command
+
+
+def size(text: str) -> tuple[int, int]:
+    """(width, height) in px from "1920x1080", or from a name."""
+    text = {"1080p": "1920x1080", "4k": "3840x2160", "8k": "7680x4320", "16k": "15360x8640"}.get(text.lower(), text)
+    try:
+        width, height = map(int, text.lower().split("x"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"a size is WIDTHxHEIGHT, 1080p, 4k, 8k or 16k, got {text!r}") from None
+    return width, height
+
+
+def listed(kind: Callable[[str], object]) -> Callable[[str], list]:
+    """An argparse type: values of `kind` separated by commas."""
+
+    def parse(text: str) -> list:
+        return [kind(part) for part in text.split(",")]
+
+    parse.__name__ = f"list of {getattr(kind, '__name__', 'values')}"
+    return parse
+
+
+def parser(program: str = "bigtri bench") -> argparse.ArgumentParser:
+    catalogue = "\n".join(f"  {name:9} {recipe.title}" for name, recipe in scenes.SCENES.items())
+    result = argparse.ArgumentParser(
+        prog=program,
+        description="Times the rasterizer: setup, clear and every triangle into a packed depth-and-id image.",
+        epilog=f"scenes:\n{catalogue}\n\nexamples:\n"
+        f"  {program} --quick\n"
+        f"  {program} --scenes S1,S3 --size 1080p,4k --threads 1,2 --csv out.csv\n"
+        f"  {program} --scenes S3 --isa all",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    result.add_argument("--scenes", default=DEFAULT_SCENES, help=f"names separated by commas, or all (default {DEFAULT_SCENES})")
+    result.add_argument("--size", type=listed(size), default="1080p", help="WIDTHxHEIGHT, 1080p, 4k, 8k, 16k (default 1080p)")
+    result.add_argument("--threads", type=listed(int), help="thread counts (default: torch's)")
+    result.add_argument("--isa", help="instruction sets, or all (default: the fastest this CPU has)")
+    result.add_argument("--variant", default="auto", help="algorithm variants (default auto)")
+    result.add_argument("--seed", type=int, default=scenes.SEED, help=f"the scenes' seed (default {scenes.SEED})")
+    result.add_argument("--seconds", type=float, default=1.0, help="time for each case (default 1.0)")
+    result.add_argument("--csv", metavar="FILE", help="also write the rows there")
+    result.add_argument("--quick", action="store_true", help="S1, S2, S3 at 960x540, 0.2 s each: does it run?")
+    return result
+
+
+HEADER = (
+    f"{'scene':8} {'size':>10} {'threads':>7} {'isa':>8} {'variant':>10} "
+    f"{'median ms':>10} {'min':>9} {'p25':>9} {'p75':>9} {'Mfrag/s':>9}"
+)
+
+
+def table_line(row: Row) -> str:
+    rate = f"{row.fragments / row.ms_median / 1e3:9.0f}" if row.fragments is not None else f"{'':9}"
+    return (
+        f"{row.scene:8} {f'{row.width}x{row.height}':>10} {row.threads:7} {row.isa:>8} {row.variant:>10} "
+        f"{row.ms_median:10.3f} {row.ms_min:9.3f} {row.ms_p25:9.3f} {row.ms_p75:9.3f} {rate}"
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    import torch
+
+    from . import native
+
+    arguments = parser().parse_args(argv)
+    if not native.available():
+        parser().error(f"the extension is not built: {native.load_error()}")
+    if arguments.quick:
+        arguments.scenes, arguments.size, arguments.seconds = "S1,S2,S3", [(960, 540)], 0.2
+    names = list(scenes.SCENES) if arguments.scenes == "all" else arguments.scenes.split(",")
+    unknown = [name for name in names if name not in scenes.SCENES]
+    if unknown:
+        parser().error(f"no scene {', '.join(unknown)}; there are {', '.join(scenes.SCENES)}")
+    isas = [native.isa()] if not arguments.isa else native.isa_levels() if arguments.isa == "all" else arguments.isa.split(",")
+    threads = arguments.threads or [torch.get_num_threads()]
+    settings = list(itertools.product(arguments.variant.split(","), threads, isas))
+
+    print(f"{device()}; {versions()}; {commit()}\n{HEADER}", flush=True)
+    rows = []
+    for (width, height), name in itertools.product(arguments.size, names):
+        if sys.stderr.isatty():
+            print(f"{name} {width}x{height} ...", end="\r", file=sys.stderr, flush=True)
+        scene = scenes.make(name, width, height, arguments.seed)
+        fragments = None
+        for variant, count, isa in settings:
+            job = Job(name, width, height, scene, variant)
+            fragments = job.fragments() if fragments is None else fragments
+            rows.append(measure(job, count, isa, arguments.seconds, fragments))
+            print(table_line(rows[-1]), flush=True)
+    if arguments.csv:
+        write_csv(arguments.csv, rows)
+        print(f"{len(rows)} rows in {arguments.csv}")
+    return 0
