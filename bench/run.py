@@ -180,7 +180,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--scenes", default=benchmark.DEFAULT_SCENES, help=f"default {benchmark.DEFAULT_SCENES}")
     parser.add_argument("--size", type=benchmark.listed(benchmark.size), default="1080p,4k", help="default 1080p,4k")
-    parser.add_argument("--threads", type=benchmark.listed(int), default="1,2", help="default 1,2")
+    parser.add_argument("--threads", type=benchmark.listed(benchmark.count), default="1,2", help="default 1,2")
     parser.add_argument("--variant", default="auto", help="bigtri's variant (default auto)")
     parser.add_argument("--peers", default="llvmpipe", help=f"of {', '.join(PEERS)} (default llvmpipe; others S1 to S3)")
     parser.add_argument("--seconds", type=float, default=3.0, help="time for each case, all peers together (default 3)")

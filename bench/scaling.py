@@ -75,7 +75,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--curves", default="resolution,count,area", help="which of them (default all)")
     parser.add_argument("--largest", type=int, default=16384, help="side of the largest square, px (default 16384: 2 GiB)")
-    parser.add_argument("--threads", type=benchmark.listed(int), default="1,2", help="default 1,2")
+    parser.add_argument("--threads", type=benchmark.listed(benchmark.count), default="1,2", help="default 1,2")
     parser.add_argument("--variant", default="auto", help="bigtri's variants, separated by commas (default auto)")
     parser.add_argument("--llvmpipe", action="store_true", help="also llvmpipe, up to 8192 px a side")
     parser.add_argument("--seconds", type=float, default=0.5, help="time for each figure (default 0.5)")

@@ -273,6 +273,26 @@ def listed(kind: Callable[[str], object]) -> Callable[[str], list]:
     return parse
 
 
+def chosen(what: str, text: str, known: list[str]) -> list[str]:
+    """Names separated by commas, or all that are known.
+
+    Raises:
+        ValueError: one of them is not known.
+    """
+    names = known if text == "all" else text.split(",")
+    if unknown := [name for name in names if name not in known]:
+        raise ValueError(f"no {what} {', '.join(unknown)}; there are {', '.join(known)}")
+    return names
+
+
+def count(text: str) -> int:
+    """A number of threads."""
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"at least 1 thread, got {number}")
+    return number
+
+
 def parser(program: str = "bigtri bench") -> argparse.ArgumentParser:
     catalogue = "\n".join(f"  {name:9} {recipe.title}" for name, recipe in scenes.SCENES.items())
     result = argparse.ArgumentParser(
@@ -286,9 +306,9 @@ def parser(program: str = "bigtri bench") -> argparse.ArgumentParser:
     )
     result.add_argument("--scenes", default=DEFAULT_SCENES, help=f"names separated by commas, or all (default {DEFAULT_SCENES})")
     result.add_argument("--size", type=listed(size), default="1080p", help="WIDTHxHEIGHT, 1080p, 4k, 8k, 16k (default 1080p)")
-    result.add_argument("--threads", type=listed(int), help="thread counts (default: torch's)")
+    result.add_argument("--threads", type=listed(count), help="thread counts (default: torch's)")
     result.add_argument("--isa", help="instruction sets, or all (default: the fastest this CPU has)")
-    result.add_argument("--variant", default="auto", help="algorithm variants (default auto)")
+    result.add_argument("--variant", default="auto", help="algorithm variants, or all (default auto)")
     result.add_argument("--seed", type=int, default=scenes.SEED, help=f"the scenes' seed (default {scenes.SEED})")
     result.add_argument("--seconds", type=float, default=1.0, help="time for each case (default 1.0)")
     result.add_argument("--csv", metavar="FILE", help="also write the rows there")
@@ -320,13 +340,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser().error(f"the extension is not built: {native.load_error()}")
     if arguments.quick:
         arguments.scenes, arguments.size, arguments.seconds = "S1,S2,S3", [(960, 540)], 0.2
-    names = list(scenes.SCENES) if arguments.scenes == "all" else arguments.scenes.split(",")
-    unknown = [name for name in names if name not in scenes.SCENES]
-    if unknown:
-        parser().error(f"no scene {', '.join(unknown)}; there are {', '.join(scenes.SCENES)}")
-    isas = [native.isa()] if not arguments.isa else native.isa_levels() if arguments.isa == "all" else arguments.isa.split(",")
-    threads = arguments.threads or [torch.get_num_threads()]
-    settings = list(itertools.product(arguments.variant.split(","), threads, isas))
+    try:
+        names = chosen("scene", arguments.scenes, list(scenes.SCENES))
+        isas = chosen("instruction set", arguments.isa or native.isa(), native.isa_levels())
+        variants = ["auto"] if arguments.variant == "auto" else chosen("variant", arguments.variant, list(native.VARIANTS))
+    except ValueError as error:
+        parser().error(str(error))
+    settings = list(itertools.product(variants, arguments.threads or [torch.get_num_threads()], isas))
 
     print(f"{device()}; {versions()}; {commit()}\n{HEADER}", flush=True)
     rows = []
@@ -335,10 +355,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"{name} {width}x{height} ...", end="\r", file=sys.stderr, flush=True)
         scene = scenes.make(name, width, height, arguments.seed)
         fragments = None
-        for variant, count, isa in settings:
+        for variant, threads, isa in settings:
             job = Job(name, width, height, scene, variant)
             fragments = job.fragments() if fragments is None else fragments
-            rows.append(measure(job, count, isa, arguments.seconds, fragments))
+            rows.append(measure(job, threads, isa, arguments.seconds, fragments))
             print(table_line(rows[-1]), flush=True)
     if arguments.csv:
         write_csv(arguments.csv, rows)
