@@ -42,48 +42,41 @@ struct ClipVertex {
   uint32_t made;      // bit k: made by plane k
 };
 
-BIGTRI_HD bool lexicographically_less(const double a[4], const double b[4]) {
-  for (int i = 0; i < 4; ++i)
-    if (a[i] != b[i]) return a[i] < b[i];
-  return false;
-}
-
 // 2^-k, k the exponent of v with a mantissa in [0.5, 1); v is positive and normal (a sum of float32 products).
 BIGTRI_HD double reciprocal_scale(double v) {
   const int64_t k = (int64_t)((double_bits(v) >> 52) & 0x7ff) - 1022;
   return bits_double((uint64_t)(1023 - k) << 52);
 }
 
-// The vertex where the plane cuts the polygon edge from a to b, which it separates (distances da, db).
-BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVertex slots[3], const ClipVertex& a, double da,
-                              const ClipVertex& b, double db) {
+// The vertex where the plane cuts the polygon edge from a to b, which it separates: |dq| * p + |dp| * q with the distances written out, so that what cancels does so
+// before it is rounded. Symmetric in p and q, bit for bit.
+BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVertex slots[3], const ClipVertex& a, const ClipVertex& b) {
   ClipVertex n;
   n.edges = a.edges & b.edges;
   n.made = (1u << plane_index) | (a.made & b.made);
+  const ClipVertex *p = &a, *q = &b;
+  double dp = plane_distance(plane, p->position), dq = plane_distance(plane, q->position);
   if (n.edges) {
-    const int j = (n.edges & 1) ? 0 : (n.edges & 2) ? 1 : 2, l = j == 2 ? 0 : j + 1;
-    const ClipVertex &P = slots[j], &Q = slots[l];
-    const double dp = plane_distance(plane, P.position), dq = plane_distance(plane, Q.position);
-    if ((dp >= 0) != (dq >= 0)) {
-      // From the original end points and symmetric in them: two triangles that share the edge get the same bits.
-      const double *u = P.position, *v = Q.position;
-      const double abs_p = dp < 0 ? -dp : dp, abs_q = dq < 0 ? -dq : dq;
-      const double scale = reciprocal_scale(abs_p + abs_q);
-      for (int i = 0; i < 4; ++i) {
-        const double t = plane.a * (v[i] * u[plane.p] - v[plane.p] * u[i]) + plane.b * (v[i] * u[plane.q] - v[plane.q] * u[i]);
-        n.position[i] = (dp >= 0 ? t : -t) * scale;
-      }
-      n.weights[0] = n.weights[1] = n.weights[2] = 0.0;
-      n.weights[j] = abs_q * scale;
-      n.weights[l] = abs_p * scale;
-      return n;
+    // On an original edge: from its end points, never from a piece, so that two triangles that share it get the same vertex. Rounding of an earlier cut can
+    // leave a and b on different sides while the original edge is on one; then the piece has to do.
+    const int j = (n.edges & 1) ? 0 : (n.edges & 2) ? 1 : 2;
+    const ClipVertex *begin = &slots[j], *end = &slots[j == 2 ? 0 : j + 1];
+    const double db = plane_distance(plane, begin->position), de = plane_distance(plane, end->position);
+    if ((db >= 0) != (de >= 0)) {
+      p = begin;
+      q = end;
+      dp = db;
+      dq = de;
     }
   }
-  const bool swap = lexicographically_less(b.position, a.position);
-  const ClipVertex &first = swap ? b : a, &second = swap ? a : b;
-  const double d1 = swap ? db : da, d2 = swap ? da : db, t = d1 / (d1 - d2);
-  for (int i = 0; i < 4; ++i) n.position[i] = first.position[i] + (second.position[i] - first.position[i]) * t;
-  for (int i = 0; i < 3; ++i) n.weights[i] = first.weights[i] + (second.weights[i] - first.weights[i]) * t;
+  const double *u = p->position, *v = q->position;
+  const double abs_p = dp < 0 ? -dp : dp, abs_q = dq < 0 ? -dq : dq;
+  const double scale = reciprocal_scale(abs_p + abs_q);
+  for (int i = 0; i < 4; ++i) {
+    const double t = plane.a * (v[i] * u[plane.p] - v[plane.p] * u[i]) + plane.b * (v[i] * u[plane.q] - v[plane.q] * u[i]);
+    n.position[i] = (dp < 0 ? -t : t) * scale;
+  }
+  for (int i = 0; i < 3; ++i) n.weights[i] = (abs_q * p->weights[i] + abs_p * q->weights[i]) * scale;
   return n;
 }
 
@@ -122,7 +115,7 @@ BIGTRI_HD int clip_triangle(const float v[3][4], uint32_t outside, int width, in
       const ClipVertex &a = polygon[i], &b = polygon[i + 1 == n ? 0 : i + 1];
       const double db = plane_distance(plane, b.position);
       if (da >= 0) other[m++] = a;
-      if ((da >= 0) != (db >= 0)) other[m++] = cut_edge(plane, k, slots, a, da, b, db);
+      if ((da >= 0) != (db >= 0)) other[m++] = cut_edge(plane, k, slots, a, b);
       da = db;
     }
     n = m;

@@ -254,23 +254,25 @@ BIGTRI_INLINE f32x8 tile_corner_depths(const CellDepth& d, int row, bool farthes
 
 template <bool kThin, bool kFar>
 BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels) {
+  const CellDepth d = l.depth;  // a copy, so that stores to pixels cannot change it
+  const NarrowEdge edge[3] = {l.edge[0], l.edge[1], l.edge[2]};
   i32x16 offset[3];
-  for (int k = 0; k < 3; ++k) offset[k] = lanes(0, l.edge[k].sx, l.edge[k].sy);
-  while (visible) {
-    const int t = __builtin_ctzll(visible), column = t % 8, row = t / 8;
-    visible &= visible - 1;
-    int64_t* tile = pixels + (row * kTile) * kBin + column * kTile;
-    if (l.full >> t & 1) {
-      for (int j = 0; j < kTile; ++j) keep_nearest(tile + j * kBin, row_packed<kThin, kFar>(l.depth, column * kTile, row * kTile + j));
+  for (int k = 0; k < 3; ++k) offset[k] = lanes(0, edge[k].sx, edge[k].sy);
+  for (const uint64_t full = l.full; visible; visible &= visible - 1) {
+    const int t = __builtin_ctzll(visible), x = t % 8 * kTile;
+    int y = t / 8 * kTile;
+    if (full >> t & 1) {
+      for (int j = 0; j < kTile; ++j) keep_nearest(pixels + (y + j) * kBin + x, row_packed<kThin, kFar>(d, x, y + j));
       continue;
     }
-    uint64_t coverage = tile_coverage(l.edge, offset, column, row);
-    while (coverage) {
-      const int j = __builtin_ctzll(coverage) / 8;
-      const uint32_t bits = coverage >> (8 * j) & 0xff;
-      coverage &= ~(0xffull << (8 * j));
-      keep_nearest(tile + j * kBin, row_packed<kThin, kFar>(l.depth, column * kTile, row * kTile + j), bits);
-    }
+    uint64_t coverage = tile_coverage(edge, offset, t % 8, t / 8);
+    if (!coverage) continue;
+    // The covered rows follow each other: a triangle is convex.
+    const int skip = __builtin_ctzll(coverage) / 8;
+    y += skip;
+    coverage >>= 8 * skip;
+    for (int64_t* row = pixels + y * kBin + x; coverage; coverage >>= 8, row += kBin, ++y)
+      keep_nearest(row, row_packed<kThin, kFar>(d, x, y), coverage & 0xff);
   }
 }
 
