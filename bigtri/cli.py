@@ -39,9 +39,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         return benchmark.main(arguments[1:])
     options = _parser().parse_args(arguments)
-    warnings.showwarning = _show_warning
     try:
-        return options.run(options)
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            return options.run(options)
     except (OSError, ValueError, TypeError, RuntimeError, ImportError) as error:
         print(f"bigtri {options.command}: {error}", file=sys.stderr)
         return _FAILED
@@ -88,7 +89,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     camera.add_argument("--up", choices=("y", "z"), default="y", help="the model's up axis (default: %(default)s)")
     quality = parser.add_argument_group("quality")
     quality.add_argument(
-        "--supersample", type=_positive, default=2, metavar="N", help="NxN samples a pixel, shaded view only (default: %(default)d)"
+        "--supersample", type=_positive, default=2, metavar="N", help="NxN samples a pixel, shaded view only (default: 2)"
     )
     quality.add_argument("--cull", choices=("none", "back", "front"), default="none", help="faces not to draw (default: none)")
     _add_execution(parser)

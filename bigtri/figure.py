@@ -54,7 +54,7 @@ def polygon(image: Image, points: Sequence[tuple[float, float]], color: Color, w
 
 
 def labelled_bins(image: Image, used: NDArray[np.int64], considered: NDArray[np.int64], size: int) -> Image:
-    """"used/considered" in the upper left corner of each bin that is considered at all."""
+    """ "used/considered" in the upper left corner of each bin that is considered at all."""
     canvas, draw = _canvas(image)
     font = _font(11)
     for row, column in np.argwhere(considered > 0).tolist():

@@ -164,9 +164,7 @@ def _interpolated(
     return dict(zip(arrays, result.split([a.shape[1] for a in arrays.values()], dim=-1), strict=True))
 
 
-def _albedo(
-    scene: Scene, plan: RenderPlan, surface: _Surface, attributes: dict[str, torch.Tensor], backend: str
-) -> torch.Tensor:
+def _albedo(scene: Scene, plan: RenderPlan, surface: _Surface, attributes: dict[str, torch.Tensor], backend: str) -> torch.Tensor:
     """float32 [B, H, W, 3]: (base colour * texture) * vertex colour; 0 on the background."""
     albedo = surface.of_material([m.base_color for m in scene.materials], torch.float32)
     if "uvs" in attributes:

@@ -45,7 +45,7 @@ class Material:
 
     def __post_init__(self) -> None:
         if self.texture is not None:
-            _check("texture", self.texture, np.float32, "Ht", "Wt", 3)
+            _check("Material", "texture", self.texture, np.float32, "Ht", "Wt", 3)
         if self.wrap not in WRAPS:
             raise ValueError(f"bigtri.Material: wrap must be one of {WRAPS}, got {self.wrap!r}")
         if self.filter not in FILTERS:
@@ -114,20 +114,21 @@ class Scene:
 
     def __post_init__(self) -> None:
         vertices, faces = len(self.positions), len(self.triangles)
-        _check("positions", self.positions, np.float32, "V", 3)
-        _check("triangles", self.triangles, np.int32, "T", 3)
+        _check("Scene", "positions", self.positions, np.float32, "V", 3)
+        _check("Scene", "triangles", self.triangles, np.int32, "T", 3)
         for name, channels in (("normals", 3), ("uvs", 2), ("colors", 3)):
             if getattr(self, name) is not None:
-                _check(name, getattr(self, name), np.float32, vertices, channels)
+                _check("Scene", name, getattr(self, name), np.float32, vertices, channels)
         if self.material is None:
             object.__setattr__(self, "material", np.zeros(faces, np.int32))
-        _check("material", self.material, np.int32, faces)
+        _check("Scene", "material", self.material, np.int32, faces)
         object.__setattr__(self, "materials", tuple(self.materials))
         object.__setattr__(self, "lights", tuple(self.lights))
-        if faces and not (0 <= self.material.min() and self.material.max() < len(self.materials)):
-            raise ValueError(f"bigtri.Scene: material must index the {len(self.materials)} materials, got {self.material.max()}")
-        if faces and not (0 <= self.triangles.min() and self.triangles.max() < vertices):
-            raise ValueError(f"bigtri.Scene: triangles must index the {vertices} positions, got {self.triangles.max()}")
+        for name, count, of in (("material", len(self.materials), "materials"), ("triangles", vertices, "positions")):
+            indices = getattr(self, name)
+            if faces and not (indices.min() >= 0 and indices.max() < count):
+                got = f"indices from {indices.min()} to {indices.max()}"
+                raise ValueError(f"bigtri.Scene: {name} must index the {count} {of}, got {got}")
         if self.cull not in CULLS:
             raise ValueError(f"bigtri.Scene: cull must be one of {CULLS}, got {self.cull!r}")
 
@@ -257,11 +258,11 @@ def _without_missing(material: Material, scene: Scene) -> Material:
     return replace(material, **missing) if missing else material
 
 
-def _check(name: str, value: Any, dtype: type[np.generic], *shape: int | str) -> None:
+def _check(owner: str, name: str, value: Any, dtype: type[np.generic], *shape: int | str) -> None:
     wanted = f"{np.dtype(dtype)} [{', '.join(map(str, shape))}]"
     if not isinstance(value, np.ndarray) or value.dtype != dtype:
         got = f"{value.dtype} {list(value.shape)}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise TypeError(f"bigtri.Scene: {name} must be a NumPy array {wanted}, got {got}")
+        raise TypeError(f"bigtri.{owner}: {name} must be a NumPy array {wanted}, got {got}")
     fits = value.ndim == len(shape) and all(isinstance(s, str) or s == n for s, n in zip(shape, value.shape, strict=True))
     if not fits:
-        raise ValueError(f"bigtri.Scene: {name} must be {wanted}, got {list(value.shape)}")
+        raise ValueError(f"bigtri.{owner}: {name} must be {wanted}, got {list(value.shape)}")

@@ -49,10 +49,7 @@ def lambert(
     arrays.same_device(op, normals=n, albedo=base, ambient=around, light_directions=directions, light_colors=colors)
 
     arguments = (n.reshape(-1, 3), base.reshape(-1, 3), around, directions, colors)
-    if chosen == "native":
-        result = torch.ops.bigtri.lambert(*arguments)
-    else:
-        result = arrays.on_reference(reference.lambert, *arguments)
+    result = torch.ops.bigtri.lambert(*arguments) if chosen == "native" else arrays.on_reference(reference.lambert, *arguments)
     return arrays.like(result.reshape(n.shape), normals)
 
 

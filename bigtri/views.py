@@ -66,12 +66,12 @@ def normals(normals: NDArray[np.float32], visibility: Visibility) -> NDArray[np.
 
 
 def depth(visibility: Visibility, camera: Camera) -> NDArray[np.uint8]:
-    """Distance along the view direction: near is light, far dark, in equal steps of perceived lightness; blue where nothing is."""
+    """Distance along the view direction: near is light, far dark, in equal steps of lightness; blue where nothing is."""
     near, far = camera.depth_range
     covered = visibility.triangle >= 0
     window = np.where(covered, visibility.depth, 0).astype(np.float64)
     distance = near * far / (far - window * (far - near))
-    low, high = (distance[covered].min(), distance[covered].max()) if covered.any() else (0.0, 1.0)
+    low, high = (distance[covered].min(), distance[covered].max()) if covered.any() else (1.0, 1.0)
     # By the logarithm, equal ratios of distance are equal steps: the foreground keeps its shape in a deep scene.
     nearness = np.ones_like(distance)
     if high > low:
@@ -184,10 +184,7 @@ def bins(
     border = ~figure.inside((height, width), BIN)
     image = figure.tint(image, figure.grow(considered > 0, BIN, (height, width)) & border, _KEPT, 0.5)
 
-    if triangle is not None:
-        image = _outlined(image, records)
-    else:
-        image = figure.labelled_bins(image, used, considered, BIN)
+    image = _outlined(image, records) if triangle is not None else figure.labelled_bins(image, used, considered, BIN)
     fully, partly = _bits(full), _bits(touched & ~full)
     dropped = len(candidates) - len(queue)
     share = f" ({100 * dropped / len(candidates):.0f} %)" if len(candidates) else ""

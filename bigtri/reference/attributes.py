@@ -74,9 +74,7 @@ def _covered(packed: NDArray[np.int64], positions: NDArray[np.float32], triangle
     return _Covered(pixel, vertex, corner, weight)
 
 
-def _slot_weights(
-    records: Records, index: NDArray[np.int64], x: NDArray[np.int64], y: NDArray[np.int64]
-) -> NDArray[np.float32]:
+def _slot_weights(records: Records, index: NDArray[np.int64], x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.float32]:
     """float32 [P, 3]: the weights b of record ``index[p]``'s slots at the centre of pixel (x[p], y[p])."""
     area = records.area[index].astype(np.float64)
     edges = edge_values(edges_of(records.xy[index]), x, y).astype(np.float64)

@@ -34,9 +34,7 @@ def sample_texture(
     return result.reshape(*uv.shape[:-1], channels)
 
 
-def _bilinear(
-    texture: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32], wrap: str
-) -> NDArray[np.float32]:
+def _bilinear(texture: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32], wrap: str) -> NDArray[np.float32]:
     """float32 [N, C] at texel coordinates x, y float32 [N], where texel 0's centre is at 0."""
     height, width, _ = texture.shape
     floor_x, floor_y = np.floor(x), np.floor(y)

@@ -1,0 +1,112 @@
+"""The camera against textbook matrices, by hand, and its errors."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bigtri import Camera
+
+CAMERA = Camera(eye=(3, 2, 5), target=(-1, 0.5, 0.25), fov_y=50, near=0.5, far=80)
+
+
+def textbook(camera: Camera, aspect: float) -> np.ndarray:
+    """gluPerspective times gluLookAt."""
+    eye, target, up = (np.array(v) for v in (camera.eye, camera.target, camera.up))
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    view = np.eye(4)
+    view[:3, :3] = right, np.cross(right, forward), -forward
+    view[:3, 3] = -view[:3, :3] @ eye
+    f, (near, far) = 1 / math.tan(math.radians(camera.fov_y) / 2), camera.depth_range
+    projection = np.zeros((4, 4))
+    projection[0, 0], projection[1, 1] = f / aspect, f
+    projection[2, 2:] = (far + near) / (near - far), 2 * far * near / (near - far)
+    projection[3, 2] = -1
+    return projection @ view
+
+
+def test_matrix_is_the_textbooks():
+    for aspect in (0.5, 1.0, 16 / 9):
+        np.testing.assert_allclose(CAMERA.matrix(aspect), textbook(CAMERA, aspect), rtol=1e-12, atol=1e-12)
+    assert CAMERA.matrix(1).dtype == np.float64
+
+
+def test_transform_applies_the_matrix_in_the_written_order():
+    points = np.random.default_rng(0).normal(0, 10, (200, 3)).astype(np.float32)
+    clip = CAMERA.transform(points, 1.25)
+    assert clip.dtype == np.float32 and clip.shape == (200, 4)
+    matrix = CAMERA.matrix(1.25).tolist()
+    for point, result in zip(points.tolist(), clip, strict=True):
+        expected = [((m[0] * point[0] + m[1] * point[1]) + m[2] * point[2]) + m[3] for m in matrix]
+        assert result.tobytes() == np.array(expected, np.float32).tobytes()
+
+
+def test_where_things_land():
+    camera = Camera(eye=(0, 0, 4), target=(0, 0, 0), fov_y=90, near=1, far=9)
+    on_axis = camera.transform([(0, 0, 0), (0, 0, 3), (0, 0, -5)], 2.0).astype(np.float64)
+    assert np.abs(on_axis[:, :2]).max() < 1e-12
+    np.testing.assert_allclose(on_axis[:, 3], [4, 1, 9])  # w is the distance along the view direction
+    np.testing.assert_allclose(on_axis[1:, 2] / on_axis[1:, 3], [-1, 1], atol=1e-6)  # the near and the far plane
+    corner = camera.transform([(8, 4, 0)], 2.0)[0]  # x right, y up: the picture's upper right corner
+    np.testing.assert_allclose(corner[:2] / corner[3], [1, 1], rtol=1e-6)
+
+
+def test_orbit():
+    def eye(*angles, **how):
+        return np.array(Camera.orbit((1, 2, 3), 2, *angles, **how).eye) - (1, 2, 3)
+
+    np.testing.assert_allclose(eye(0, 0), (0, 0, 2), atol=1e-12)
+    np.testing.assert_allclose(eye(90, 0), (2, 0, 0), atol=1e-12)
+    np.testing.assert_allclose(eye(0, 90), (0, 2, 0), atol=1e-12)
+    np.testing.assert_allclose(eye(0, 0, up_axis="z"), (0, -2, 0), atol=1e-12)
+    np.testing.assert_allclose(eye(0, 90, up_axis="z"), (0, 0, 2), atol=1e-12)
+    for elevation in (-90, 90):  # straight from above and below there is a right way up, too
+        matrix = Camera.orbit((0, 0, 0), 5, 30, elevation).matrix(1)
+        assert np.isfinite(matrix).all()
+        above = Camera.orbit((0, 0, 0), 5, 30, elevation * 0.9999).matrix(1)
+        np.testing.assert_allclose(matrix, above, atol=0.05)
+
+
+@pytest.mark.parametrize("aspect", [0.4, 1.0, 2.5])
+def test_framing_shows_all_of_the_bounds(aspect):
+    bounds = np.array([(-1, -2, 10), (5, 0, 11)], float)
+    corners = np.array([[bounds[i, 0], bounds[j, 1], bounds[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    for azimuth in (0, 77, 200):
+        clip = Camera.framing(bounds, azimuth, 35, aspect=aspect).transform(corners, aspect)
+        assert (np.abs(clip[:, :3]) <= clip[:, 3:]).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"eye": (1, 1, 1), "target": (1, 1, 1)}, "target must be a finite distance away from eye"),
+        ({"up": (0, 0, 0)}, "up must not be zero or parallel"),
+        ({"up": (0, 0, -3)}, "up must not be zero or parallel"),
+        ({"fov_y": 0}, "fov_y must be in"),
+        ({"fov_y": 180}, "fov_y must be in"),
+        ({"near": 0}, "near and far must satisfy"),
+        ({"near": 2, "far": 1}, "near and far must satisfy"),
+        ({"eye": (0, 0)}, "eye must be three numbers"),
+        ({"eye": (0, 0, math.nan)}, "eye must be finite"),
+    ],
+)
+def test_degenerate_cameras(arguments, text):
+    with pytest.raises(ValueError, match="bigtri.Camera: " + text):
+        Camera(**{"eye": (0, 0, 5), "target": (0, 0, 0), **arguments})
+
+
+def test_errors_of_methods():
+    with pytest.raises(ValueError, match="aspect must be positive"):
+        CAMERA.matrix(0)
+    with pytest.raises(ValueError, match=r"points must be \[V, 3\], got \[3\]"):
+        CAMERA.transform((1, 2, 3), 1)
+    with pytest.raises(ValueError, match="radius must be positive"):
+        Camera.orbit((0, 0, 0), 0)
+    with pytest.raises(ValueError, match="elevation must be in"):
+        Camera.orbit((0, 0, 0), 1, 0, 91)
+    with pytest.raises(ValueError, match="up_axis"):
+        Camera.orbit((0, 0, 0), 1, up_axis="x")
+    with pytest.raises(ValueError, match="distance must be positive"):
+        Camera.framing([(0, 0, 0), (1, 1, 1)], distance=-1)
