@@ -1,0 +1,162 @@
+"""Meshes in clip space for the tests that compare backends: each is a construction with a reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+
+class Case(NamedTuple):
+    positions: NDArray[np.float32]  # [V, 4], clip space
+    triangles: NDArray[np.int32]  # [T, 3]
+    resolution: tuple[int, int]  # height, width
+
+
+def soup(corners: NDArray[np.floating], resolution: tuple[int, int]) -> Case:
+    """Unconnected triangles from clip-space corners [T, 3, 4]."""
+    positions = np.ascontiguousarray(corners, np.float32).reshape(-1, 4)
+    return Case(positions, np.arange(len(positions), dtype=np.int32).reshape(-1, 3), resolution)
+
+
+def from_pixels(xy: NDArray[np.floating], z: NDArray[np.floating], resolution: tuple[int, int]) -> Case:
+    """Triangles from pixel positions xy [T, 3, 2] (y down) and window depths z [T, 3]."""
+    height, width = resolution
+    x = xy[..., 0] / (width / 2) - 1
+    y = 1 - xy[..., 1] / (height / 2)
+    return soup(np.stack([x, y, 2 * z - 1, np.ones_like(x)], axis=-1), resolution)
+
+
+def random_corners(rng: np.random.Generator, count: int, spread: float, behind: bool = False) -> NDArray[np.float64]:
+    """[count, 3, 4] around the origin; w of either sign if ``behind``."""
+    w = rng.normal(0.5, 1, (count, 3, 1)) if behind else rng.uniform(0.5, 2, (count, 3, 1))
+    xy = rng.normal(0, spread, (count, 3, 2)) * w
+    z = rng.uniform(-1.1, 1.2, (count, 3, 1)) * np.abs(w)
+    return np.concatenate([xy, z, w], axis=-1)
+
+
+def screen_size(rng: np.random.Generator) -> Case:
+    return soup(random_corners(rng, 30, 1.2), (201, 333))
+
+
+def many_small(rng: np.random.Generator) -> Case:
+    corners = random_corners(rng, 800, 0.8)
+    corners[:, 1:] = corners[:, :1] + rng.normal(0, 0.03, (800, 2, 4)) * [1, 1, 0, 0]
+    return soup(corners, (190, 260))
+
+
+def guard_band(rng: np.random.Generator) -> Case:
+    """Clipped at the guard planes, on all sides."""
+    return soup(random_corners(rng, 40, 300), (77, 129))
+
+
+def huge(rng: np.random.Generator) -> Case:
+    """As far out as float32 can hold, and everything between."""
+    scale = 10.0 ** rng.uniform(-3, 30, (40, 3, 1))
+    return soup(random_corners(rng, 40, 1) * np.concatenate([scale, scale, np.ones_like(scale), np.ones_like(scale)], axis=-1), (64, 65))
+
+
+def behind_camera(rng: np.random.Generator) -> Case:
+    """w of either sign: the near plane cuts nearly all of them."""
+    return soup(random_corners(rng, 60, 1.5, behind=True), (150, 151))
+
+
+def far_depth(rng: np.random.Generator) -> Case:
+    """Window depths beyond 1, dropped per fragment, and beyond 2.5, clipped."""
+    corners = random_corners(rng, 40, 1.2)
+    corners[..., 2] = rng.uniform(-1, 6, (40, 3)) * corners[..., 3]
+    return soup(corners, (120, 200))
+
+
+def slivers(rng: np.random.Generator) -> Case:
+    """Needles of about 1/100 px to 1 px: the thin-triangle rule of depth on both of its sides."""
+    height, width = 260, 300
+    a, b = rng.uniform(-50, 350, (2, 80, 2))
+    direction = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
+    c = b + np.stack([-direction[:, 1], direction[:, 0]], 1) * 10.0 ** rng.uniform(-2, 0.3, (80, 1))
+    return from_pixels(np.stack([a, b, c], 1), rng.uniform(0.1, 0.9, (80, 3)), (height, width))
+
+
+def on_centres(rng: np.random.Generator) -> Case:
+    """A mesh whose vertices and edges pass through pixel centres: every tie that there is."""
+    n = 18
+    gx, gy = np.meshgrid(np.arange(n) * 7 + 0.5, np.arange(n) * 5 + 0.5)
+    v = np.stack([gx, gy], -1)
+    a, b, c, d = v[:-1, :-1], v[:-1, 1:], v[1:, :-1], v[1:, 1:]
+    diagonal = rng.integers(0, 2, a.shape[:2]).astype(bool)[..., None, None]
+    first = np.where(diagonal, np.stack([a, b, d], 2), np.stack([a, b, c], 2))
+    second = np.where(diagonal, np.stack([a, d, c], 2), np.stack([b, d, c], 2))
+    xy = np.concatenate([first, second]).reshape(-1, 3, 2)
+    return from_pixels(xy, rng.uniform(0.2, 0.8, xy.shape[:2]), (96, 128))
+
+
+def on_bins(rng: np.random.Generator) -> Case:
+    """Vertices at 8, 64 and 128 px, on them, beside them, and half a pixel away."""
+    base = rng.choice([0, 8, 64, 72, 120, 128, 192], (120, 3, 2))
+    xy = base + rng.choice([-0.5, -1 / 256, 0, 1 / 256, 0.5], base.shape)
+    return from_pixels(xy, rng.uniform(0.1, 0.9, (120, 3)), (192, 256))
+
+
+def equal_depth(rng: np.random.Generator) -> Case:
+    """Coplanar triangles in every order, and the same triangle again with its vertices rotated: the lower index wins."""
+    xy = np.tile(rng.uniform(0, 128, (10, 3, 2)), (3, 1, 1))
+    xy[10:20] = xy[10:20][:, [1, 2, 0]]
+    return from_pixels(xy, np.full(xy.shape[:2], 0.25), (128, 128))
+
+
+def layers(rng: np.random.Generator) -> Case:
+    """Screen-filling triangles from back to front: hidden-surface rejection has most to do."""
+    xy = np.tile(np.array([[-20.0, -20.0], [900.0, -20.0], [-20.0, 700.0]]), (60, 1, 1)) + rng.uniform(0, 8, (60, 3, 2))
+    z = np.linspace(0.9, 0.1, 60)[:, None] + rng.uniform(-0.02, 0.02, (60, 3))
+    return from_pixels(xy, z, (210, 330))
+
+
+def not_finite(rng: np.random.Generator) -> Case:
+    corners = random_corners(rng, 40, 1)
+    corners[::5, 1, rng.integers(0, 4)] = np.nan
+    corners[1::7, 2, rng.integers(0, 4)] = -np.inf
+    return soup(corners, (50, 90))
+
+
+def inside_sphere(rng: np.random.Generator) -> Case:
+    """A closed mesh around the camera: cut by the near plane all around."""
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
+    view = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    p = mesh.vertices @ view.T + rng.uniform(-1, 1, 3)
+    near, far = 0.5, 10.0
+    z = -(p[:, 2] * (far + near) + 2 * far * near) / (far - near)
+    return Case(np.stack([p[:, 0], 1.3 * p[:, 1], z, -p[:, 2]], 1).astype(np.float32), mesh.faces.astype(np.int32), (113, 171))
+
+
+def sized(resolution: tuple[int, int]) -> Callable[[np.random.Generator], Case]:
+    def make(rng: np.random.Generator) -> Case:
+        corners = np.concatenate([random_corners(rng, 8, 1.2), random_corners(rng, 4, 30)])
+        return soup(corners, resolution)
+
+    return make
+
+
+# Names are the tests' ids.
+CASES: dict[str, Callable[[np.random.Generator], Case]] = {
+    f.__name__: f
+    for f in (
+        screen_size,
+        many_small,
+        guard_band,
+        huge,
+        behind_camera,
+        far_depth,
+        slivers,
+        on_centres,
+        on_bins,
+        equal_depth,
+        layers,
+        not_finite,
+        inside_sphere,
+    )
+}
+for height, width in ((1, 1), (1, 65), (65, 1), (63, 63), (64, 64), (7, 16384), (16384, 3), (1079, 1919)):
+    CASES[f"size_{width}x{height}"] = sized((height, width))
