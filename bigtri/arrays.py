@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar, overload
 
 import numpy as np
 import torch
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from . import native
 
 Array: TypeAlias = "torch.Tensor | NDArray[Any]"
+ArrayT = TypeVar("ArrayT", torch.Tensor, NDArray[Any])
 BACKENDS = ("auto", "reference", "native")
 
 
@@ -88,6 +89,12 @@ def on_reference(function: Callable[..., NDArray[Any]], *arguments: Any) -> torc
     return torch.from_numpy(np.ascontiguousarray(result)).to(device)
 
 
+@overload
+def like(result: torch.Tensor, given: torch.Tensor) -> torch.Tensor: ...
+@overload
+def like(result: torch.Tensor, given: NDArray[Any]) -> NDArray[Any]: ...
+@overload
+def like(result: torch.Tensor, given: Array) -> Array: ...
 def like(result: torch.Tensor, given: Array) -> Array:
     """``result`` as NumPy if ``given`` is NumPy."""
     return result.numpy() if isinstance(given, np.ndarray) else result

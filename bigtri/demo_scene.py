@@ -100,7 +100,7 @@ def _light_map(
     landed = above - (height / facing)[:, None] * sun
     u, v = landed @ right / (right @ right), landed @ up / (up @ up)
     clip = np.stack([2 * u - 1, 2 * v - 1, 0.02 * height - 1, np.ones_like(u)], axis=1).astype(np.float32)
-    shadow = rasterize(clip, casters.triangles, shape, backend=backend).triangle >= 0
+    shadow = np.asarray(rasterize(clip, casters.triangles, shape, backend=backend).triangle >= 0)
 
     direct = np.array(_KEY.color) * facing
     indirect = np.array(_AMBIENT) + np.array(_FILL.color) * max(float(normal @ np.array(_FILL.direction)), 0)

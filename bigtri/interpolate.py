@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -82,7 +82,8 @@ def _drawing(
     op: str, visibility: Visibility | Array, positions: Array, triangles: Array
 ) -> tuple[Array, torch.Tensor, torch.Tensor, torch.Tensor]:
     """The buffer as given, and packed [B, H, W], positions [B, V, 4], triangles [T, 3] as tensors that belong together."""
-    given = getattr(visibility, "packed", visibility)
+    # Not isinstance: anything with a packed buffer will do.
+    given: Any = getattr(visibility, "packed", visibility)
     packed = arrays.tensor(op, "visibility", given, torch.int64, "[H, W] or [B, H, W]", (2, 3))
     clip = arrays.tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", packed.ndim)
     faces = arrays.tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2)

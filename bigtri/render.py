@@ -11,12 +11,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from .arrays import Array
 from .camera import Camera
 from .interpolate import interpolate
 from .normals import face_normals
 from .plan import RenderPlan, plan_for
 from .rasterize import Visibility, rasterize
-from .scene import Scene
+from .scene import Material, Scene
 from .shading import encode_srgb, lambert
 from .texture import sample_texture
 
@@ -100,7 +101,7 @@ def render(
         clip = np.stack([c.transform(scene.positions, aspect) for c in cameras])
     positions, triangles = torch.from_numpy(clip), torch.from_numpy(scene.triangles)
     with _timed(seconds, "rasterize"):
-        seen = rasterize(positions, triangles, (height, width), backend=backend, cull=scene.cull)
+        seen = rasterize(positions, triangles, (height, width), backend=backend, cull=scene.cull, depth=return_buffers)
     with _timed(seconds, "attributes"):
         attributes = _interpolated(scene, plan, seen, positions, triangles, backend)
     surface = _Surface(scene, seen)
@@ -111,27 +112,42 @@ def render(
         linear = _lit(scene, plan, surface, albedo, normals, backend)
         image = encode_srgb(_averaged(linear, supersample), backend=backend).numpy()
 
-    if isinstance(camera, Camera):
-        image = image[0]
+    view = 0 if isinstance(camera, Camera) else slice(None)
     if not return_buffers:
-        return image
-    visibility = Visibility(*(a.numpy() for a in seen))
-    arrays = (clip, visibility, albedo.numpy(), None if normals is None else normals.numpy(), linear.numpy())
-    return image, Buffers(*(_first(a) if isinstance(camera, Camera) else a for a in arrays), seconds)
+        return image[view]
+    return image[view], Buffers(
+        positions=clip[view],
+        visibility=Visibility(*(_tensor(field).numpy()[view] for field in seen)),
+        albedo=albedo.numpy()[view],
+        normals=None if normals is None else normals.numpy()[view],
+        linear=linear.numpy()[view],
+        seconds=seconds,
+    )
 
 
 class _Surface:
     """What is seen at every pixel: the triangle and the material, 0 on the background, and where that is."""
 
     def __init__(self, scene: Scene, seen: Visibility) -> None:
-        self.covered = seen.triangle >= 0  # bool [B, H, W]
-        self.triangle = seen.triangle.clamp(min=0).long()
+        triangle = _tensor(seen.triangle)
+        self.covered = triangle >= 0  # bool [B, H, W]
+        self.triangle = triangle.clamp(min=0).long()
         self.material = self._per_triangle(torch.from_numpy(scene.material)).long()
-        self.visible_material = torch.where(self.covered, self.material, -1).view(-1)  # [B * H * W], -1 on the background
 
     def of_material(self, values: Sequence[Any], dtype: torch.dtype) -> torch.Tensor:
         """``values``, one per material (a number or a triple), at every pixel: [B, H, W] or [B, H, W, 3]."""
         return torch.tensor(values, dtype=dtype)[self.material]
+
+    def sorted_by_material(self, materials: list[int], count: int) -> tuple[torch.Tensor, list[int]]:
+        """The covered pixels of ``materials`` (of ``count``), one after the other: flat indices int64 [P], and how many each has."""
+        others = len(materials)
+        # The narrowest type: of 8 and 16 bits NumPy sorts by radix.
+        place = np.full(count, others, np.min_scalar_type(others))
+        place[materials] = np.arange(others)
+        key = np.where(self.covered.numpy(), place[self.material.numpy()], place.dtype.type(others)).reshape(-1)
+        counts = np.bincount(key, minlength=others + 1)[:others].tolist()
+        order = np.argsort(key, kind="stable")[: sum(counts)]
+        return torch.from_numpy(order), counts
 
     def _per_triangle(self, values: torch.Tensor) -> torch.Tensor:
         """``values`` [T, ...] at every pixel; the background reads triangle 0, and a scene without triangles zeros."""
@@ -160,7 +176,7 @@ def _interpolated(
     if not arrays:
         return {}
     together = torch.from_numpy(np.concatenate(list(arrays.values()), axis=1))
-    result = interpolate(together, seen, positions, triangles, backend=backend)
+    result = _tensor(interpolate(together, seen, positions, triangles, backend=backend))
     return dict(zip(arrays, result.split([a.shape[1] for a in arrays.values()], dim=-1), strict=True))
 
 
@@ -168,19 +184,22 @@ def _albedo(scene: Scene, plan: RenderPlan, surface: _Surface, attributes: dict[
     """float32 [B, H, W, 3]: (base colour * texture) * vertex colour; 0 on the background."""
     albedo = surface.of_material([m.base_color for m in scene.materials], torch.float32)
     if "uvs" in attributes:
-        uvs, flat, visible = attributes["uvs"].reshape(-1, 2), albedo.view(-1, 3), surface.visible_material
-        for index in scene.used_materials:
-            material = scene.materials[index]
-            if material.texture is None:
-                continue
-            here = (visible == index).nonzero().squeeze(1)
-            texture, uv = torch.from_numpy(material.texture), uvs.index_select(0, here)
-            texel = sample_texture(texture, uv, filter=material.filter, wrap=material.wrap, backend=backend)
-            flat.index_copy_(0, here, flat.index_select(0, here) * texel)
+        textured = [i for i in scene.used_materials if scene.materials[i].texture is not None]
+        pixels, counts = surface.sorted_by_material(textured, len(scene.materials))
+        uvs = attributes["uvs"].reshape(-1, 2).index_select(0, pixels).split(counts)
+        texels = [_looked_up(scene.materials[i], uv, backend) for i, uv in zip(textured, uvs, strict=True)]
+        if texels:
+            flat = albedo.view(-1, 3)
+            flat.index_copy_(0, pixels, flat.index_select(0, pixels) * torch.cat(texels))
     if "colors" in attributes:
         applies = surface.of_material([m.vertex_colors for m in scene.materials], torch.bool)
         albedo = torch.where(applies[..., None], albedo * attributes["colors"], albedo)
     return torch.where(surface.covered[..., None], albedo, 0.0)
+
+
+def _looked_up(material: Material, uv: torch.Tensor, backend: str) -> torch.Tensor:
+    assert material.texture is not None
+    return sample_texture(torch.from_numpy(material.texture), uv, filter=material.filter, wrap=material.wrap, backend=backend)
 
 
 def _normals(
@@ -245,10 +264,10 @@ def _averaged(linear: torch.Tensor, supersample: int) -> torch.Tensor:
     return total / (supersample * supersample)
 
 
-def _first(value: Any) -> Any:
-    if isinstance(value, Visibility):
-        return Visibility(*(a[0] for a in value))
-    return None if value is None else value[0]
+def _tensor(value: Array | None) -> torch.Tensor:
+    """What the operations return for tensors, said to the type checker."""
+    assert isinstance(value, torch.Tensor)
+    return value
 
 
 @contextmanager

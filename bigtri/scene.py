@@ -105,7 +105,7 @@ class Scene:
     normals: NDArray[np.float32] | None = None
     uvs: NDArray[np.float32] | None = None
     colors: NDArray[np.float32] | None = None
-    material: NDArray[np.int32] = field(default=None)  # type: ignore[assignment]
+    material: NDArray[np.int32] = field(default=None)  # type: ignore[arg-type]
     materials: tuple[Material, ...] = (Material(),)
     lights: tuple[Light, ...] = DEFAULT_LIGHTS
     ambient: Vector = DEFAULT_AMBIENT
@@ -167,7 +167,7 @@ def merge(scenes: Sequence[Scene]) -> Scene:
             if materials.setdefault(id(material), len(kept)) == len(kept):
                 kept.append(material)
         indices.append(np.array([materials[id(material)] for material in own], np.int32)[scene.material])
-    joined: dict[str, NDArray[np.float32] | None] = {}
+    joined: dict[str, Any] = {}
     for name, channels in (("normals", 3), ("uvs", 2), ("colors", 3)):
         given = [getattr(s, name) for s in scenes]
         # Materials without the effect never read the zeros that stand in for it.

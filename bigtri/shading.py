@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import torch
 
 from . import arrays
-from .arrays import Array
+from .arrays import Array, ArrayT
 from .reference import shading as reference
 
 _ANY_NDIM = tuple(range(9))
+# Made here and not on demand, because torch.compile would trace through what makes them.
+_THRESHOLDS = torch.tensor(reference.encode_thresholds())  # float32 [255]
+_DECODED = torch.tensor(reference.decode_table())  # float32 [256]
 
 
 def lambert(
-    normals: Array, albedo: Array, ambient: Array, light_directions: Array, light_colors: Array, *, backend: str = "auto"
-) -> Array:
+    normals: ArrayT, albedo: Array, ambient: Array, light_directions: Array, light_colors: Array, *, backend: str = "auto"
+) -> ArrayT:
     """Diffuse light: ``albedo * (ambient + sum of color * max(n . l, 0))``.
 
     Args:
@@ -53,7 +54,7 @@ def lambert(
     return arrays.like(result.reshape(n.shape), normals)
 
 
-def encode_srgb(linear: Array, *, backend: str = "auto") -> Array:
+def encode_srgb(linear: ArrayT, *, backend: str = "auto") -> ArrayT:
     """Linear light (float32, any shape) to 8-bit sRGB (uint8, the same shape), rounded to the nearest code.
 
     Values outside [0, 1] saturate, NaN gives 0. NumPy if ``linear`` is NumPy.
@@ -65,13 +66,13 @@ def encode_srgb(linear: Array, *, backend: str = "auto") -> Array:
     chosen = arrays.choose_backend(op, backend)
     values = arrays.tensor(op, "linear", linear, torch.float32, "[...]", _ANY_NDIM)
     if chosen == "native":
-        result = torch.ops.bigtri.encode_srgb(values, _thresholds(values.device))
+        result = torch.ops.bigtri.encode_srgb(values, _THRESHOLDS.to(values.device))
     else:
         result = arrays.on_reference(reference.encode_srgb, values)
     return arrays.like(result, linear)
 
 
-def decode_srgb(encoded: Array, *, backend: str = "auto") -> Array:
+def decode_srgb(encoded: ArrayT, *, backend: str = "auto") -> ArrayT:
     """8-bit sRGB (uint8, any shape) to linear light (float32, the same shape, in [0, 1]). NumPy if ``encoded`` is NumPy.
 
     It is a lookup in a table of 256 values, so that both backends do the same.
@@ -82,14 +83,4 @@ def decode_srgb(encoded: Array, *, backend: str = "auto") -> Array:
     op = "decode_srgb"
     arrays.choose_backend(op, backend)
     codes = arrays.tensor(op, "encoded", encoded, torch.uint8, "[...]", _ANY_NDIM)
-    return arrays.like(_decoded(codes.device)[codes.long()], encoded)
-
-
-@lru_cache(maxsize=8)
-def _thresholds(device: torch.device) -> torch.Tensor:
-    return torch.tensor(reference.encode_thresholds(), device=device)
-
-
-@lru_cache(maxsize=8)
-def _decoded(device: torch.device) -> torch.Tensor:
-    return torch.tensor(reference.decode_table(), device=device)
+    return arrays.like(_DECODED.to(codes.device)[codes.long()], encoded)

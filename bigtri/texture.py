@@ -5,14 +5,16 @@ from __future__ import annotations
 import torch
 
 from . import arrays
-from .arrays import Array
+from .arrays import Array, ArrayT
 from .reference import texture as reference
 
 FILTERS = ("bilinear", "nearest")
 WRAPS = ("repeat", "clamp")
 
 
-def sample_texture(texture: Array, uv: Array, *, filter: str = "bilinear", wrap: str = "repeat", backend: str = "auto") -> Array:
+def sample_texture(
+    texture: Array, uv: ArrayT, *, filter: str = "bilinear", wrap: str = "repeat", backend: str = "auto"
+) -> ArrayT:
     """Look ``uv`` up in ``texture``, without mipmaps.
 
     Args:

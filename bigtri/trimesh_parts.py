@@ -42,17 +42,17 @@ def _part(name: str, mesh: Any, transform: NDArray[np.float64], linear_colors: b
     colors, per_face = _colors(mesh, linear_colors)
     material = _material(name, mesh, has_colors=colors is not None, two_sided=not is_closed(positions, triangles))
 
-    if per_face:
+    if colors is not None and per_face:
         # Faces of different colours share no vertex.
         corners = triangles.reshape(-1)
         positions, uvs = positions[corners], None if uvs is None else uvs[corners]
         colors = np.repeat(colors, 3, axis=0)
         triangles = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
 
+    source: Any = slice(None)
     # trimesh computes normals on demand and keeps them in the same place as those from the file. Nothing has asked for them yet.
     if "vertex_normals" in mesh._cache.cache and not per_face:
         normals = _transformed_normals(np.asarray(mesh.vertex_normals, np.float64), transform)
-        source = slice(None)
     else:
         source, triangles, normals = split_normals(positions, triangles)
     return Scene(

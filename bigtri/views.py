@@ -69,6 +69,7 @@ def depth(visibility: Visibility, camera: Camera) -> NDArray[np.uint8]:
     """Distance along the view direction: near is light, far dark, in equal steps of lightness; blue where nothing is."""
     near, far = camera.depth_range
     covered = visibility.triangle >= 0
+    assert visibility.depth is not None  # render always asks for it
     window = np.where(covered, visibility.depth, 0).astype(np.float64)
     distance = near * far / (far - window * (far - near))
     low, high = (distance[covered].min(), distance[covered].max()) if covered.any() else (1.0, 1.0)

@@ -4,9 +4,11 @@ import sys
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 from skimage import data
 
+import bigtri
 from bigtri import Camera, Scene, encode_srgb, native, render
 from bigtri.plan import EVERYTHING, RenderPlan, plan_for
 from bigtri.reference.shading import decode_table
@@ -164,6 +166,26 @@ def test_supersampling_averages_linear_light():
     expected = fine.reshape(30, 2, 40, 2, 3).mean(axis=(1, 3))
     coarse = render(scene, VARIED_CAMERAS[0], (30, 40), supersample=2)
     assert np.abs(coarse.astype(int) - encode_srgb(expected.astype(np.float32)).astype(int)).max() <= 1
+
+
+@needs_native
+def test_all_operations_compile_into_one_graph():
+    generator = torch.Generator().manual_seed(0)
+    positions, attributes = torch.randn(30, 4, generator=generator), torch.rand(30, 5, generator=generator)
+    positions[:, 3] = 1.5
+    triangles, texture = torch.arange(30, dtype=torch.int32).reshape(-1, 3), torch.rand(8, 8, 3, generator=generator)
+
+    def shade(positions, attributes):
+        seen = bigtri.rasterize(positions, triangles, (24, 32))
+        values = bigtri.interpolate(attributes, seen, positions, triangles)
+        albedo = bigtri.sample_texture(texture, values[..., :2])
+        lit = bigtri.lambert(values[..., 2:], albedo, torch.ones(3), torch.eye(3), torch.eye(3))
+        codes = bigtri.encode_srgb(lit)
+        return codes, bigtri.decode_srgb(codes), bigtri.barycentrics(seen, positions, triangles)
+
+    compiled = torch.compile(shade, fullgraph=True, backend="aot_eager")
+    for eager, traced in zip(shade(positions, attributes), compiled(positions, attributes), strict=True):
+        assert torch.equal(eager, traced)
 
 
 def test_scenes_without_triangles():
