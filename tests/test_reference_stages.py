@@ -121,6 +121,18 @@ def test_bins_are_whole_beyond_the_edge_of_the_screen() -> None:
     assert bins.candidates[:, 1:].tolist() == [[0, 0], [1, 0], [0, 1], [1, 1]] and bins.kept.all()
 
 
+def test_a_bin_and_a_tile_may_hold_no_more_than_a_corner() -> None:
+    """A left edge through the last pixel centre of bin (0, 0) covers just that; one subpx further to the right, nothing."""
+    centre = 63 * 256 + 128
+    for shift, covered in ((0, True), (1, False)):
+        xy = np.array([[[centre + 5000, centre - 5000], [centre - 5000, centre + 5000], [centre + 9000, centre + 9000]]])
+        records, _ = setup(*on_grid(xy + [shift, 0], np.full((1, 3), 0.5)), HEIGHT, WIDTH)
+        bins = binning(records, HEIGHT, WIDTH, 0)
+        assert bins.candidates[0].tolist() == [0, 0, 0] and bins.kept[0] == covered
+        touched, _ = tile_mask(records, bins.candidates)
+        assert touched.view(np.uint64)[0] == (1 << 63 if covered else 0)
+
+
 def test_large_means_more_pixels_in_the_bbox_than_the_threshold() -> None:
     corners = np.array([[[0, 0], [50 * 256, 0], [0, 80 * 256]], [[0, 0], [51 * 256, 0], [0, 80 * 256]]])
     records, _ = setup(*on_grid(corners, np.full((2, 3), 0.5)), HEIGHT, WIDTH)
@@ -285,15 +297,53 @@ def test_depth_of_a_sliver_of_twice_area_2() -> None:
     assert_depth_is_near_exact(value, record, 297, 240)
 
 
-def test_thin_begins_above_the_ratio() -> None:
-    """256 * sum(|dx| + |dy|) > 32 * A with A = 2^16 * h: a right angle of legs 2^16 and h has it from h = 16 on the thin side."""
-    for h in range(12, 40):
-        xy = np.array([[[0, 0], [2**16, 0], [0, h]]]) + [100, 128]
-        records, _ = setup(*on_grid(xy, np.array([[0.123456789, 0.987654321, 0.55555]])), HEIGHT, WIDTH)
-        one, _ = brute_force.records(*on_grid(xy, np.array([[0.123456789, 0.987654321, 0.55555]])), HEIGHT, WIDTH)
-        spans = all_spans(records, 4000)
-        expected = [brute_force.depth(one[0], x, 0) for x in range(spans[0, 2], spans[0, 3])]
-        assert depth(records, spans).tolist() == expected
+@pytest.mark.parametrize(("length", "thickness"), [(272, 17), (144, 18), (80, 20), (48, 24)])
+def test_thin_begins_above_the_ratio(length: int, thickness: int) -> None:
+    """256 * sum(|dx| + |dy|) = 32 * A for legs with (length - 16) * (thickness - 16) = 256; one subpx less makes it thin.
+
+    Depth 0 at a corner on a pixel centre brings the float64 rounding to light, which differs between the two formulas: there, a
+    thin triangle has exactly 0, and a plane what its terms leave when they cancel.
+    """
+    rng = np.random.default_rng(13)
+    left_over = []
+    for legs in ((length, thickness), (length, thickness - 1), (length - 1, thickness)):
+        corner = 256 * rng.integers(0, [WIDTH, HEIGHT], (200, 1, 2)) + 128
+        z = np.concatenate([np.zeros((200, 1)), rng.uniform(0, 1, (200, 2))], axis=1)
+        positions, triangles = on_grid(corner + np.array([[0, 0], [legs[0], 0], [0, legs[1]]]), z)
+        records, _ = setup(positions, triangles, HEIGHT, WIDTH)
+        one_by_one, _ = brute_force.records(positions, triangles, HEIGHT, WIDTH)
+        spans = np.array([[k, *corner[k, 0, ::-1] // 256, corner[k, 0, 0] // 256 + 1] for k in range(200)], np.int32)
+        values = depth(records, spans)
+        assert values.tolist() == [brute_force.depth(one_by_one[k], *(corner[k, 0] // 256).tolist()) for k in range(200)]
+        left_over.append(bool(values.any()))
+    assert left_over == [True, False, False]
+
+
+@pytest.mark.parametrize("size", [300, 30000])
+def test_depth_next_to_a_corner_of_almost_none(size: int) -> None:
+    """A tiny depth on a pixel centre shows float64's rounding in float32: that of each operation, and of sums by their order.
+
+    Rounding leaves some planes below their lowest corner, and both zeros are stored as +0, whose bits are 0.
+    """
+    rng = np.random.default_rng(14)
+    corner = 256 * rng.integers(0, [WIDTH, HEIGHT], (600, 1, 2)) + 128
+    xy = corner + rng.integers(-size, size + 1, (600, 3, 2)) * [[0], [1], [1]]
+    z = rng.uniform(0.1, 1, (600, 3)) * [0, 1, 1]
+    positions, triangles = on_grid(xy, z)
+    records, _ = setup(positions, triangles, HEIGHT, WIDTH)
+    # Setup itself gives no depth between 0 and 2^-25.
+    tiny = rng.choice(np.array([0, 1e-12, 1e-7], np.float32), (len(records.z), 1))
+    records = records._replace(z=np.where(records.z == 0, tiny, records.z))
+    drawn, _ = brute_force.records(positions, triangles, HEIGHT, WIDTH)
+    one_by_one = [record._replace(z=tuple(corners)) for record, corners in zip(drawn, records.z.tolist(), strict=True)]
+
+    pixels = [(index, *(c // 256 for c in record.xy[record.z.index(min(record.z))])) for index, record in enumerate(one_by_one)]
+    spans = np.array([[index, y, x, x + 1] for index, x, y in pixels], np.int32)
+    values = depth(records, spans)
+    assert (values >= records.z.min(axis=1)).all() and not np.signbit(values).any()
+    assert values.tolist() == [brute_force.depth(one_by_one[index], x, y) for index, x, y in pixels]
+    minus_zero = records._replace(z=np.full_like(records.z, -0.0))
+    assert not depth(minus_zero, spans).view(np.uint32).any()
 
 
 # --- Visibility --------------------------------------------------------------------------------------------------------------

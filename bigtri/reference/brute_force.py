@@ -135,7 +135,7 @@ def _cut(polygon: list[_Vertex], slots: list[_Vertex], name: str, plane: Plane) 
             result.append(a)
         if a_inside != b_inside:
             edges = a.edges & b.edges
-            p, q = sorted((a, b), key=lambda vertex: vertex.position)
+            p, q = a, b
             if edges:
                 begin, end = slots[min(edges)], slots[(min(edges) + 1) % 3]
                 if (_distance(plane, begin.position) >= 0) != (_distance(plane, end.position) >= 0):

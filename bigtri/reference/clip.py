@@ -139,13 +139,9 @@ def _crossing_vertices(
     begin, end = slots[owner, j], slots[owner, k]
     # Rounding of an earlier cut can leave a and b on different sides while their original edge is on one.
     original = ((edges != 0) & ((plane.distance(begin) >= 0) != (plane.distance(end) >= 0)))[:, None]
-    # The other edges belong to this polygon alone, but the result must not depend on the direction either.
-    swap = _precedes(polygons.position[b], polygons.position[a])
-    low, high = np.where(swap, b, a), np.where(swap, a, b)
-
     unit = np.eye(3)
-    p, weights_p = np.where(original, begin, polygons.position[low]), np.where(original, unit[j], polygons.weights[low])
-    q, weights_q = np.where(original, end, polygons.position[high]), np.where(original, unit[k], polygons.weights[high])
+    p, weights_p = np.where(original, begin, polygons.position[a]), np.where(original, unit[j], polygons.weights[a])
+    q, weights_q = np.where(original, end, polygons.position[b]), np.where(original, unit[k], polygons.weights[b])
     position, weights = _meet(plane, p, q, weights_p, weights_q)
     made = (polygons.made[a] & polygons.made[b]) | np.uint8(1 << number)
     return Polygons(owner, position, weights, edges, made)
@@ -162,7 +158,7 @@ def _meet(
 
     The point is |dq| * p + |dp| * q with the distances dp and dq written out, so that what cancels does so before it is rounded:
     products of two float32 components are exact. No interpolation p + (q - p) * t comes close where p and q differ by more than
-    float64's 53 bits.
+    float64's 53 bits. Swapping p and q negates every difference exactly, so the point is the same for either direction.
     """
     position = plane.a * (q * p[:, [plane.p]] - q[:, [plane.p]] * p) + plane.b * (q * p[:, [plane.q]] - q[:, [plane.q]] * p)
     dp, dq = plane.distance(p)[:, None], plane.distance(q)[:, None]
