@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 
 from . import arrays
 from .arrays import Array
+from .rasterize import Visibility, check_indices
 from .reference import attributes as reference
-
-if TYPE_CHECKING:
-    from .rasterize import Visibility
 
 
 def interpolate(
@@ -21,7 +19,8 @@ def interpolate(
 
     Args:
         attributes: float32 [V, C], or [B, V, C] where every view has its own.
-        visibility: what ``rasterize`` returned, or its ``packed``: int64 [H, W] or [B, H, W].
+        visibility: what ``rasterize`` returned, or its ``packed``: int64 [H, W] or [B, H, W]. A pixel that names none of the
+            triangles reads as background.
         positions: the clip-space positions it was drawn from, float32 [V, 4] or [B, V, 4].
         triangles: int32 [T, 3].
         backend: "auto", "reference" or "native"; the bits are the same.
@@ -31,6 +30,7 @@ def interpolate(
 
     Raises:
         TypeError, ValueError: an argument of another dtype, shape or device; the text names it.
+        RuntimeError: an index in ``triangles`` is out of range.
     """
     op = "interpolate"
     chosen = arrays.choose_backend(op, backend)
@@ -45,6 +45,7 @@ def interpolate(
     if chosen == "native":
         result = torch.ops.bigtri.interpolate(packed, clip, faces, values)
     else:
+        check_indices(op, faces, clip.shape[1])
         values = values.expand(packed.shape[0], -1, -1)
         views = zip(packed, clip, values, strict=True)
         images = [arrays.on_reference(reference.interpolate, view, p, faces, a) for view, p, a in views]
@@ -56,7 +57,8 @@ def barycentrics(visibility: Visibility | Array, positions: Array, triangles: Ar
     """Perspective-correct weights of the visible triangle's corners 0, 1 and 2 at every pixel centre.
 
     Args:
-        visibility: what ``rasterize`` returned, or its ``packed``: int64 [H, W] or [B, H, W].
+        visibility: what ``rasterize`` returned, or its ``packed``: int64 [H, W] or [B, H, W]. A pixel that names none of the
+            triangles reads as background.
         positions: the clip-space positions it was drawn from, float32 [V, 4] or [B, V, 4].
         triangles: int32 [T, 3].
         backend: "auto", "reference" or "native"; the bits are the same.
@@ -66,6 +68,7 @@ def barycentrics(visibility: Visibility | Array, positions: Array, triangles: Ar
 
     Raises:
         TypeError, ValueError: an argument of another dtype, shape or device; the text names it.
+        RuntimeError: an index in ``triangles`` is out of range.
     """
     op = "barycentrics"
     chosen = arrays.choose_backend(op, backend)
@@ -73,6 +76,7 @@ def barycentrics(visibility: Visibility | Array, positions: Array, triangles: Ar
     if chosen == "native":
         result = torch.ops.bigtri.barycentrics(packed, clip, faces)
     else:
+        check_indices(op, faces, clip.shape[1])
         images = [arrays.on_reference(reference.barycentrics, view, p, faces) for view, p in zip(packed, clip, strict=True)]
         result = torch.stack(images) if images else clip.new_zeros(*packed.shape, 3)
     return arrays.like(result[0] if given.ndim == 2 else result, given)

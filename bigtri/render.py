@@ -139,7 +139,7 @@ class _Surface:
         return torch.tensor(values, dtype=dtype)[self.material]
 
     def sorted_by_material(self, materials: list[int], count: int) -> tuple[torch.Tensor, list[int]]:
-        """The covered pixels of ``materials`` (of ``count``), one after the other: flat indices int64 [P], and how many each has."""
+        """The covered pixels of ``materials`` (of ``count``), one after the other: flat indices int64 [P]; how many each has."""
         others = len(materials)
         # The narrowest type: of 8 and 16 bits NumPy sorts by radix.
         place = np.full(count, others, np.min_scalar_type(others))

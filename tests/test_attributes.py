@@ -130,6 +130,18 @@ def test_torch_in_torch_out_and_batches_are_single_views():
     assert torch.equal(interpolate(attributes, seen.packed, clip, faces), result)
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_buffers_of_other_triangles_and_indices_of_other_vertices(backend):
+    positions, triangles = soup(1, 2, 1.0)
+    for stranger in (7, 0xFFFFFFFF, -5):
+        packed = np.full((4, 4), (1 << 40) | stranger, np.int64)
+        assert not barycentrics(packed, positions, triangles, backend=backend).any()
+        assert not interpolate(positions, packed, positions, triangles, backend=backend).any()
+    for index in (-1, 6):
+        with pytest.raises(RuntimeError, match=f"triangles must index positions, 0 to 5, got .*{index}"):
+            barycentrics(packed, positions, np.array([(0, 1, index)], np.int32), backend=backend)
+
+
 def test_empty_inputs():
     none = np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32)
     for backend in ("reference", "auto"):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .numerics import edge_values, edges_of
+from .numerics import BACKGROUND, edge_values, edges_of
 from .records import Records
 from .resolve import resolve
 
@@ -64,7 +64,9 @@ def interpolate(
 
 
 def _covered(packed: NDArray[np.int64], positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> _Covered:
-    records, record_index = resolve(packed, positions, triangles)
+    # What names none of these triangles was not drawn from them: it reads as background.
+    known = (packed & 0xFFFFFFFF) < len(triangles)
+    records, record_index = resolve(np.where(known, packed, BACKGROUND), positions, triangles)
     flat = record_index.reshape(-1)
     pixel = np.flatnonzero(flat >= 0)
     index = flat[pixel]
