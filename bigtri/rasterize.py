@@ -6,6 +6,7 @@ import operator
 import sys
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
 from . import arrays, native
@@ -151,7 +152,9 @@ def _output(op: str, out: Array | None, shape: tuple[int, ...], device: torch.de
     """New memory for ``packed``, or the caller's ``out``."""
     if out is None:
         return torch.empty(shape, dtype=torch.int64, device=device)
-    tensor = out if isinstance(out, torch.Tensor) else torch.from_numpy(out)
+    tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) else out
+    if not isinstance(tensor, torch.Tensor):
+        raise TypeError(f"bigtri.{op}: out must be int64 {list(shape)}, a torch tensor or a NumPy array, got {type(out).__name__}")
     if tensor.dtype != torch.int64 or tensor.shape != shape or not tensor.is_contiguous() or tensor.device != device:
         raise ValueError(
             f"bigtri.{op}: out must be int64 {list(shape)}, contiguous, on {device}, "

@@ -1,7 +1,9 @@
-// Threads, without knowing whose: the binding hands in torch's pool.
+// Loops over threads, with the floating-point mode that the bits need.
 #pragma once
 
 #include <stdint.h>
+
+#include "thread_pool.h"
 
 #if defined(__x86_64__)
 #include <xmmintrin.h>
@@ -34,9 +36,8 @@ class FloatMode {
   FloatMode& operator=(const FloatMode&) = delete;
 };
 
+// Calls body(i) for i in [0, n) on up to `threads` threads, each in the float mode above.
 struct Parallel {
-  // Calls body(context, i) for i in [0, n), each once, in any order, on any thread; returns when all are done.
-  void (*run)(int64_t n, void (*body)(void* context, int64_t i), void* context);
   int threads;
 
   template <class Body>
@@ -45,10 +46,7 @@ struct Parallel {
       FloatMode mode;
       (*static_cast<Body*>(context))(i);
     };
-    if (n == 1)
-      call(&body, 0);
-    else if (n > 1)
-      run(n, call, &body);
+    ThreadPool::instance().run(threads, n, call, &body);
   }
 };
 

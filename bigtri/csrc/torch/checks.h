@@ -1,4 +1,4 @@
-// Argument checks that name the argument, what came and what is allowed; and torch's threads.
+// Argument checks that name the argument, what came and what is allowed.
 #pragma once
 
 #include <torch/csrc/stable/library.h>
@@ -51,14 +51,8 @@ inline Tensor empty(const std::vector<int64_t>& shape, ScalarType type) {
   return torch::stable::empty(shape, type, std::nullopt, torch::stable::Device(torch::headeronly::DeviceType::CPU));
 }
 
-inline Parallel torch_threads() {
-  return {[](int64_t n, void (*body)(void*, int64_t), void* context) {
-            torch::stable::parallel_for(0, n, 1, [&](int64_t begin, int64_t end) {
-              for (int64_t i = begin; i < end; ++i) body(context, i);
-            });
-          },
-          (int)torch::stable::get_num_threads()};
-}
+// As many threads as torch uses (torch.set_num_threads), from a pool of our own.
+inline Parallel torch_threads() { return {(int)torch::stable::get_num_threads()}; }
 
 inline Viewport viewport(const char* op, int64_t height, int64_t width, const std::string& cull, const std::vector<int64_t>& scissor) {
   check_size(op, height, width);

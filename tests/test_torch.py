@@ -1,0 +1,114 @@
+"""The operators as torch sees them: schemas, fake kernels, torch.compile, no gradients, other threads, fork."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import multiprocessing
+
+import numpy as np
+import pytest
+import torch
+from cases import CASES
+
+import bigtri
+from bigtri import native
+from bigtri.reference.shading import encode_thresholds
+
+pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
+
+
+def tensors(name: str = "screen_size") -> tuple[torch.Tensor, torch.Tensor, tuple[int, int]]:
+    case = CASES[name](np.random.default_rng(3))
+    return torch.from_numpy(case.positions), torch.from_numpy(case.triangles), case.resolution
+
+
+def arguments(op: str) -> tuple:
+    """Valid arguments of every operator, each stage fed by the one before."""
+    positions, triangles, (height, width) = tensors()
+    ops = torch.ops.bigtri
+    triangle, xy, z, area, bbox, *_ = ops.setup(positions, triangles, height, width, "none", [0, 0, width, height])
+    candidates, kept, small = ops.binning(xy, bbox, 4000)
+    queue = candidates[kept]
+    touched, _ = ops.tile_mask(xy, bbox, queue)
+    spans = ops.scanline(xy, bbox, queue, touched, small)
+    depth = ops.depth(xy, z, area, spans)
+    packed = ops.visibility(triangle, spans, depth, height, width)[None]
+    return {
+        "rasterize": (
+            *(positions[None], triangles, height, width, "none", [0, 0, width, height], "bin_owned"),
+            *(torch.empty_like(packed), torch.empty(packed.shape), torch.empty(1, dtype=torch.int64)),
+        ),
+        "setup": (positions, triangles, height, width, "none", [0, 0, width, height]),
+        "binning": (xy, bbox, 4000),
+        "tile_mask": (xy, bbox, queue),
+        "scanline": (xy, bbox, queue, touched, small),
+        "depth": (xy, z, area, spans),
+        "visibility": (triangle, spans, depth, height, width),
+        "interpolate": (packed, positions[None], triangles, torch.rand(1, len(positions), 5)),
+        "barycentrics": (packed, positions[None], triangles),
+        "sample_texture": (torch.rand(7, 5, 3), torch.rand(20, 2), "bilinear", "repeat"),
+        "lambert": (torch.rand(9, 3), torch.rand(9, 3), torch.rand(3), torch.rand(2, 3), torch.rand(2, 3)),
+        "encode_srgb": (torch.rand(4, 5, 3), torch.from_numpy(np.array(encode_thresholds()))),
+    }[op]
+
+
+OPS = "rasterize setup binning tile_mask scanline depth visibility interpolate barycentrics sample_texture lambert encode_srgb"
+
+
+@pytest.mark.parametrize("op", OPS.split())
+def test_opcheck(op):
+    utilities = ("test_schema", "test_autograd_registration", "test_faketensor", "test_aot_dispatch_dynamic")
+    torch.library.opcheck(getattr(torch.ops.bigtri, op), arguments(op), test_utils=utilities)
+
+
+def test_compile_full_graph():
+    positions, triangles, resolution = tensors()
+    texture = torch.rand(8, 8, 3)
+
+    def picture(positions: torch.Tensor, uv: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        visible = bigtri.rasterize(positions, triangles, resolution)
+        color = bigtri.sample_texture(texture, bigtri.interpolate(uv, visible, positions, triangles))
+        return visible.packed, visible.triangle, visible.depth, visible.dropped, bigtri.encode_srgb(color)
+
+    uv = torch.rand(len(positions), 2)
+    compiled = torch.compile(picture, fullgraph=True)
+    for shift in (0.0, 0.25):
+        moved = positions + torch.tensor([shift, 0, 0, 0])
+        for expected, got in zip(picture(moved, uv), compiled(moved, uv), strict=True):
+            assert torch.equal(expected, got)
+
+
+def test_no_output_requires_grad():
+    positions, triangles, resolution = tensors()
+    positions.requires_grad_()
+    visible = bigtri.rasterize(positions, triangles, resolution)
+    colors = torch.rand(len(positions), 3, requires_grad=True)
+    assert not any(t.requires_grad for t in (*visible, bigtri.interpolate(colors, visible, positions, triangles)))
+
+
+def test_several_callers_at_once():
+    """Callers share the pool: one gets it, the others go on alone, and all get the same bits."""
+    positions, triangles, resolution = tensors("layers")
+    expected = bigtri.rasterize(positions, triangles, resolution).packed
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        results = pool.map(lambda _: bigtri.rasterize(positions, triangles, resolution).packed, range(40))
+    assert all(torch.equal(expected, r) for r in results)
+
+
+def _draw_in_child(queue) -> None:
+    # NumPy sums: torch's own OpenMP threads do not survive a fork.
+    positions, triangles, resolution = tensors("layers")
+    queue.put(int(bigtri.rasterize(positions, triangles, resolution).packed.numpy().sum()))
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork on this system")
+def test_works_in_a_forked_child():
+    positions, triangles, resolution = tensors("layers")
+    expected = int(bigtri.rasterize(positions, triangles, resolution).packed.numpy().sum())
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    child = context.Process(target=_draw_in_child, args=(queue,))
+    child.start()
+    assert queue.get(timeout=60) == expected
+    child.join(60)
+    assert child.exitcode == 0
