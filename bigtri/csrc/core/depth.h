@@ -11,12 +11,15 @@ BIGTRI_HD D weighted_depth(G g0, G g1, G g2, Z z0, Z z1, Z z2, Z area) {
   return ((g0 * z0 + g1 * z1) + g2 * z2) / area;
 }
 
+// The plane at pixel (i, j) of the cell is plane_row + plane_column; bins keep both in tables.
 template <class D>
-BIGTRI_HD D plane_depth(double row, double dzdx, D i) {
-  return row + dzdx * i;
+BIGTRI_HD D plane_row(double zcell, double dzdy, D j) {
+  return zcell + dzdy * j;
 }
-
-BIGTRI_HD double plane_row(double zcell, double dzdy, double j) { return zcell + dzdy * j; }
+template <class D>
+BIGTRI_HD D plane_column(double dzdx, D i) {
+  return dzdx * i;
+}
 
 // float32, within the triangle's own range, never -0.
 BIGTRI_HD float finish_depth(double z, float zmin, float zmax) {

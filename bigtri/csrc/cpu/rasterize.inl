@@ -199,21 +199,35 @@ BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* 
   }
 }
 
+// The plane's terms for every row and column of the cell: a pixel is then one addition.
+struct PlaneTable {
+  double row[kBin];
+  f64x8 column[kBin / 8];
+};
+
+BIGTRI_INLINE void plane_table(const CellDepth& d, PlaneTable* t) {
+  for (int i = 0; i < kBin; i += 8) {
+    const f64x8 at = kLane + (double)i;
+    *(f64x8u*)(t->row + i) = plane_row(d.zcell, d.dzdy, at);
+    t->column[i / 8] = plane_column(d.dzdx, at);
+  }
+}
+
 // Depth of the pixels (i, j), i + 1, ... i + 7 of the cell, not yet rounded.
 template <bool kThin>
 BIGTRI_INLINE f64x8 row_depth(const CellDepth& d, int i, int j) {
   const f64x8 x = kLane + (double)i;
-  if (!kThin) return plane_depth(plane_row(d.zcell, d.dzdy, j), d.dzdx, x);
+  if (!kThin) return plane_row<double>(d.zcell, d.dzdy, j) + plane_column(d.dzdx, x);
   const f64x8 g0 = (d.e[0] + d.ey[0] * j) + d.ex[0] * x, g1 = (d.e[1] + d.ey[1] * j) + d.ex[1] * x, g2 = (d.e[2] + d.ey[2] * j) + d.ex[2] * x;
   return weighted_depth<f64x8>(g0, g1, g2, d.z[0], d.z[1], d.z[2], d.area);
 }
 
-template <bool kThin, bool kFar>
-BIGTRI_INLINE i64x8 row_packed(const CellDepth& d, int i, int j) {
-  const f32x8 z = clamp_depth(to_float(row_depth<kThin>(d, i, j)), splat(d.zmin), splat(d.zmax));
-  i64x8 packed = pack(z, d.triangle);
-  if (kFar) packed = __builtin_convertvector(z > 1.0f, i64x8) ? (i64x8){} + kBackground : packed;
-  return packed;
+template <bool kFar>
+BIGTRI_INLINE i64x8 packed_of(const CellDepth& d, f64x8 depth) {
+  const f32x8 z = clamp_depth(to_float(depth), splat(d.zmin), splat(d.zmax));
+  const i64x8 packed = pack(z, d.triangle);
+  if (!kFar) return packed;
+  return __builtin_convertvector(z > 1.0f, i64x8) ? (i64x8){} + kBackground : packed;
 }
 
 // ---------------------------------------------------------------- one bin
@@ -238,7 +252,7 @@ static_assert(sizeof(Scratch) <= kScratchBytes, "scratch");
 // The nearest (farthest) depth over the px square of the given size at (i, j): at a corner, with the pixels' own arithmetic, so exact.
 BIGTRI_INLINE float corner_depth(const CellDepth& d, int i, int j, int last, bool farthest) {
   const int x = (d.dzdx < 0) != farthest ? i + last : i, y = (d.dzdy < 0) != farthest ? j + last : j;
-  return finish_depth(plane_depth<double>(plane_row(d.zcell, d.dzdy, y), d.dzdx, x), d.zmin, d.zmax);
+  return finish_depth(plane_row<double>(d.zcell, d.dzdy, y) + plane_column<double>(d.dzdx, x), d.zmin, d.zmax);
 }
 
 BIGTRI_INLINE float nearest_depth(const CellDepth& d, int i, int j, int size) { return d.thin ? d.zmin : corner_depth(d, i, j, size - 1, false); }
@@ -248,31 +262,41 @@ BIGTRI_INLINE float farthest_depth(const CellDepth& d, int i, int j, int size) {
 BIGTRI_INLINE f32x8 tile_corner_depths(const CellDepth& d, int row, bool farthest) {
   if (d.thin) return splat(farthest ? d.zmax : d.zmin);
   const int x = (d.dzdx < 0) != farthest ? kTile - 1 : 0, y = (d.dzdy < 0) != farthest ? kTile - 1 : 0;
-  const f64x8 z = plane_depth(plane_row(d.zcell, d.dzdy, kTile * row + y), d.dzdx, kLane * (double)kTile + (double)x);
+  const f64x8 z = plane_row<double>(d.zcell, d.dzdy, kTile * row + y) + plane_column(d.dzdx, kLane * (double)kTile + (double)x);
   return clamp_depth(to_float(z), splat(d.zmin), splat(d.zmax));
+}
+
+// Eight pixels of the cell, from the table or (thin) from the edges.
+template <bool kThin, bool kFar>
+BIGTRI_INLINE i64x8 row_packed(const CellDepth& d, const PlaneTable& t, int x, int y) {
+  return packed_of<kFar>(d, kThin ? row_depth<true>(d, x, y) : t.row[y] + t.column[x / 8]);
 }
 
 template <bool kThin, bool kFar>
 BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels) {
   const CellDepth d = l.depth;  // a copy, so that stores to pixels cannot change it
+  PlaneTable table;
+  if (!kThin) plane_table(d, &table);
+  for (uint64_t full = visible & l.full; full; full &= full - 1) {
+    const int t = __builtin_ctzll(full), x = t % 8 * kTile, y = t / 8 * kTile;
+    for (int j = 0; j < kTile; ++j) keep_nearest(pixels + (y + j) * kBin + x, row_packed<kThin, kFar>(d, table, x, y + j));
+  }
+  visible &= ~l.full;
+  if (!visible) return;
+  // Rows of partly covered tiles: first a list of them, without branches that depend on the coverage, then one loop over it.
   const NarrowEdge edge[3] = {l.edge[0], l.edge[1], l.edge[2]};
   i32x16 offset[3];
   for (int k = 0; k < 3; ++k) offset[k] = lanes(0, edge[k].sx, edge[k].sy);
-  for (const uint64_t full = l.full; visible; visible &= visible - 1) {
-    const int t = __builtin_ctzll(visible), x = t % 8 * kTile;
-    int y = t / 8 * kTile;
-    if (full >> t & 1) {
-      for (int j = 0; j < kTile; ++j) keep_nearest(pixels + (y + j) * kBin + x, row_packed<kThin, kFar>(d, x, y + j));
-      continue;
-    }
-    uint64_t coverage = tile_coverage(edge, offset, t % 8, t / 8);
-    if (!coverage) continue;
-    // The covered rows follow each other: a triangle is convex.
-    const int skip = __builtin_ctzll(coverage) / 8;
-    y += skip;
-    coverage >>= 8 * skip;
-    for (int64_t* row = pixels + y * kBin + x; coverage; coverage >>= 8, row += kBin, ++y)
-      keep_nearest(row, row_packed<kThin, kFar>(d, x, y), coverage & 0xff);
+  const i32x8 below = {0, kBin, 2 * kBin, 3 * kBin, 4 * kBin, 5 * kBin, 6 * kBin, 7 * kBin};
+  uint32_t rows[kBin * kBin / 8 + 8];
+  int count = 0;
+  for (; visible; visible &= visible - 1) {
+    const int t = __builtin_ctzll(visible);
+    count = append_rows(tile_coverage(edge, offset, t % 8, t / 8), below + (t / 8 * kTile * kBin + t % 8 * kTile), rows, count);
+  }
+  for (int i = 0; i < count; ++i) {
+    const int at = (int)(rows[i] >> 8);
+    keep_nearest(pixels + at, row_packed<kThin, kFar>(d, table, at % kBin, at / kBin), rows[i] & 0xff);
   }
 }
 
@@ -339,7 +363,7 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
       const int32_t skip = x - x0;
       const i32x8 outside = (row[0] + skip * sx[0]) | (row[1] + skip * sx[1]) | (row[2] + skip * sx[2]) | (x1 - x - 1 - lane);
       const uint32_t bits = sign_mask(outside) ^ 0xff;
-      if (bits) keep_nearest(pixels + y * kBin + x, row_packed<kThin, kFar>(d, x, y), bits);
+      if (bits) keep_nearest(pixels + y * kBin + x, packed_of<kFar>(d, row_depth<kThin>(d, x, y)), bits);
     }
     for (int k = 0; k < 3; ++k) row[k] += sy[k];
   }

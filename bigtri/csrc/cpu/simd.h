@@ -20,6 +20,7 @@ typedef float f32x8 __attribute__((vector_size(32)));
 typedef double f64x8 __attribute__((vector_size(64)));
 // The same without an alignment demand, for rows that start anywhere.
 typedef int64_t i64x8u __attribute__((vector_size(64), aligned(8)));
+typedef double f64x8u __attribute__((vector_size(64), aligned(8)));
 typedef float f32x8u __attribute__((vector_size(32), aligned(4)));
 
 #define BIGTRI_INLINE static inline __attribute__((always_inline))
@@ -67,8 +68,8 @@ BIGTRI_INLINE f32x8 clamp_depth(f32x8 f, f32x8 low, f32x8 high) {
 // The high half from the depth, the low half from the triangle.
 BIGTRI_INLINE i64x8 pack(f32x8 z, uint64_t triangle) {
 #if BIGTRI_SIMD >= 512
-  const __m512i bits = _mm512_slli_epi64(_mm512_cvtepu32_epi64((__m256i)z), 32);
-  return (i64x8)_mm512_or_si512(bits, _mm512_set1_epi64((int64_t)triangle));
+  const __m512i to_high = _mm512_setr_epi32(0, 0, 0, 1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 0, 7);
+  return (i64x8)_mm512_mask_permutexvar_epi32(_mm512_set1_epi64((int64_t)triangle), 0xaaaa, to_high, _mm512_castsi256_si512((__m256i)z));
 #else
   return (i64x8)(__builtin_convertvector((u32x8)z, u64x8) << 32 | triangle);
 #endif
@@ -91,6 +92,23 @@ BIGTRI_INLINE void keep_nearest(int64_t* pixels, i64x8 packed, uint32_t bits) {
 #else
   const i64x8 old = *(const i64x8u*)pixels;
   *(i64x8u*)pixels = ((packed < old) & (((int64_t)bits & kLaneBit) != 0)) ? packed : old;
+#endif
+}
+
+// Appends code[j] << 8 | byte j of the mask for every byte that is not 0, from list[n] on; returns the new n. Writes up to eight elements whatever the mask.
+BIGTRI_INLINE int append_rows(uint64_t mask, i32x8 code, uint32_t* list, int n) {
+#if BIGTRI_SIMD >= 512
+  const __m256i bytes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((int64_t)mask));
+  const __mmask8 some = _mm256_test_epi32_mask(bytes, bytes);
+  const __m256i items = _mm256_or_si256(_mm256_slli_epi32((__m256i)code, 8), bytes);
+  _mm256_storeu_si256((__m256i*)(list + n), _mm256_maskz_compress_epi32(some, items));
+  return n + __builtin_popcount(some);
+#else
+  for (int j = 0; mask; ++j, mask >>= 8) {
+    list[n] = (uint32_t)code[j] << 8 | (mask & 0xff);
+    n += (mask & 0xff) != 0;
+  }
+  return n;
 #endif
 }
 
