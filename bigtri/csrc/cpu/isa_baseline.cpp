@@ -1,6 +1,5 @@
 #define BIGTRI_SIMD 0
-#include "rasterize.inl"
-#include "stages.inl"
+#include "kernel_table.inl"
 
 namespace bigtri {
 BIGTRI_KERNEL_TABLE(baseline)

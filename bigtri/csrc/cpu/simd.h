@@ -25,6 +25,7 @@ typedef float f32x8u __attribute__((vector_size(32), aligned(4)));
 
 #define BIGTRI_INLINE static inline __attribute__((always_inline))
 
+constexpr float kInfinity = __builtin_inff();
 constexpr f64x8 kLane = {0, 1, 2, 3, 4, 5, 6, 7};
 constexpr i32x16 kLaneX = {0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7};   // column within the tile
 constexpr i32x16 kLaneY = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1};   // row within a pair of rows

@@ -1,4 +1,9 @@
-// The stages one at a time, on the inner loops of rasterize.inl, and the passes that read a visibility buffer. Compiled once per instruction set.
+// The stages one at a time, on the inner loops that the variants run; compiled once per instruction set.
+#pragma once
+
+#include "depth.inl"
+#include "setup.inl"
+#include "tile_mask.inl"
 
 namespace bigtri {
 namespace {
@@ -116,85 +121,5 @@ void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const i
   }
 }
 
-// ---------------------------------------------------------------- attributes
-
-bool load_parent(const AttributeJob& job, int64_t triangle, Parent* parent) {
-  float v[3][4];
-  Vertex projected[3];
-  for (int k = 0; k < 3; ++k) {
-    const int64_t index = job.triangles[3 * triangle + k];
-    if (index < 0 || index >= job.vertices) return false;
-    for (int i = 0; i < 4; ++i) v[k][i] = job.positions[4 * index + i];
-    projected[k] = project_vertex(v[k], job.width, job.height);
-  }
-  expand_parent(v, projected, {job.width, job.height, 0, 0, job.width, job.height, kCullNone}, parent);
-  return true;
-}
-
-// Pixels [x, end) of a row, all of one triangle.
-void interpolate_run(const AttributeJob& job, const Parent& parent, int64_t triangle, int64_t y, int64_t x, int64_t end, float* out) {
-  const int64_t channels = job.channels;
-  for (; x < end; ++x, out += channels) {
-    const int record = covering_record(parent, x, y);
-    if (record < 0) {  // not this triangle's pixel: the buffer came from elsewhere
-      for (int64_t c = 0; c < channels; ++c) out[c] = 0.0f;
-      continue;
-    }
-    double e[3];
-    float b[3];
-    for (int k = 0; k < 3; ++k) e[k] = edge_at(parent.primitive[record], k, x, y);
-    barycentrics(parent, record, e, b);
-    if (!job.attributes) {
-      for (int k = 0; k < 3; ++k) out[corner_of(parent, record, k)] = b[k];
-      continue;
-    }
-    const float* a[3];
-    for (int k = 0; k < 3; ++k) a[k] = job.attributes + channels * job.triangles[3 * triangle + corner_of(parent, record, k)];
-    for (int64_t c = 0; c < channels; ++c) out[c] = interpolate(b, a[0][c], a[1][c], a[2][c]);
-  }
-}
-
-// Runs of one triangle share its set-up; scratch keeps it from run to run.
-void stage_interpolate_row(const AttributeJob& job, int64_t y, Parent* parent) {
-  const int64_t* row = job.packed + y * job.width;
-  float* out = job.out + y * job.width * job.channels;
-  int64_t loaded = -1;
-  for (int64_t x = 0; x < job.width;) {
-    const int64_t triangle = row[x] == kBackground ? -1 : row[x] & 0xffffffff;
-    int64_t end = x + 1;
-    while (end < job.width && (row[end] == kBackground ? -1 : row[end] & 0xffffffff) == triangle) ++end;
-    bool valid = triangle >= 0 && triangle < job.triangle_count;
-    if (valid && triangle != loaded) {
-      valid = load_parent(job, triangle, parent);
-      loaded = valid ? triangle : -1;
-    }
-    if (valid)
-      interpolate_run(job, *parent, triangle, y, x, end, out);
-    else
-      __builtin_memset(out, 0, (size_t)((end - x) * job.channels) * sizeof(float));
-    out += (end - x) * job.channels;
-    x = end;
-  }
-}
-
-void stage_sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter, Wrap wrap, float* out) {
-  for (int64_t i = 0; i < count; ++i) sample(texture, height, width, channels, uv[2 * i], uv[2 * i + 1], filter, wrap, out + channels * i);
-}
-
-void stage_lambert(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights, int64_t count,
-                   float* out) {
-  for (int64_t i = 0; i < count; ++i) lambert(normals + 3 * i, albedo + 3 * i, ambient, directions, colors, lights, out + 3 * i);
-}
-
-void stage_encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out) {
-  for (int64_t i = 0; i < count; ++i) out[i] = encode_srgb(linear[i], thresholds);
-}
-
 }  // namespace
-
-#define BIGTRI_KERNEL_TABLE(NAME)                                                                                                                      \
-  extern const Kernels kernels_##NAME;                                                                                                                 \
-  const Kernels kernels_##NAME = {#NAME, project, setup, bin_records, raster_bin, stage_tile_mask, stage_scan_tiles, stage_scan_rows, stage_depth,     \
-                                  stage_interpolate_row, stage_sample, stage_lambert, stage_encode_srgb};
-
 }  // namespace bigtri

@@ -1,0 +1,107 @@
+// What reads a visibility buffer: interpolation, textures, shading; compiled once per instruction set.
+#pragma once
+
+#include "kernels.h"
+#include "simd.h"
+
+namespace bigtri {
+namespace {
+
+bool load_parent(const AttributeJob& job, int64_t triangle, Parent* parent) {
+  float v[3][4];
+  Vertex projected[3];
+  for (int k = 0; k < 3; ++k) {
+    const int64_t index = job.triangles[3 * triangle + k];
+    if (index < 0 || index >= job.vertices) return false;
+    for (int i = 0; i < 4; ++i) v[k][i] = job.positions[4 * index + i];
+    projected[k] = project_vertex(v[k], job.width, job.height);
+  }
+  expand_parent(v, projected, {job.width, job.height, 0, 0, job.width, job.height, kCullNone}, parent);
+  return true;
+}
+
+// Eight pixels from (x, y) on, of which n are wanted, all of one record. Where the record does not cover a pixel, the buffer came from another drawing: zeros.
+void interpolate_eight(const AttributeJob& job, const Parent& parent, int record, int64_t triangle, int64_t x, int64_t y, int n, float* out) {
+  const Primitive& p = parent.primitive[record];
+  f64x8 e[3], b[3];
+  i64x8 inside = (i64x8){} - 1;
+  for (int k = 0; k < 3; ++k) {
+    const Edge edge = edge_of(p.x, p.y, k);
+    e[k] = edge_at(p, k, x, y) + kLane * (double)(-kSubpixel * edge.dy);  // integers below 2^53: exact
+    inside &= (i64x8)(e[k] + (double)edge_bias(edge) >= 0.0);
+  }
+  barycentrics(parent, record, e, b);
+  const i32x8 covered = __builtin_convertvector(inside, i32x8);
+  const f32x8 weight[3] = {to_float(b[0]), to_float(b[1]), to_float(b[2])};
+  const float* source[3] = {};
+  for (int k = 0; k < 3; ++k)
+    if (job.attributes) source[k] = job.attributes + job.channels * job.triangles[3 * triangle + corner_of(parent, record, k)];
+  for (int64_t c = 0; c < job.channels; ++c) {
+    f32x8 v = {};
+    if (job.attributes)
+      v = interpolate(weight, source[0][c], source[1][c], source[2][c]);
+    else
+      for (int k = 0; k < 3; ++k) v = corner_of(parent, record, k) == c ? weight[k] : v;
+    v = covered ? v : (f32x8){};
+    for (int i = 0; i < n; ++i) out[i * job.channels + c] = v[i];
+  }
+}
+
+// Pixels [x, end) of a row, all of one triangle. A clipped triangle's records take turns along the row.
+void interpolate_run(const AttributeJob& job, const Parent& parent, int64_t triangle, int64_t y, int64_t x, int64_t end, float* out) {
+  while (x < end) {
+    int record = 0;
+    int64_t n = min_of<int64_t>(8, end - x);
+    if (parent.count != 1) {
+      record = covering_record(parent, x, y);
+      int64_t same = 1;
+      while (same < n && covering_record(parent, x + same, y) == record) ++same;
+      n = same;
+    }
+    if (record < 0 || parent.count == 0)
+      __builtin_memset(out, 0, (size_t)(n * job.channels) * sizeof(float));
+    else
+      interpolate_eight(job, parent, record, triangle, x, y, (int)n, out);
+    x += n;
+    out += n * job.channels;
+  }
+}
+
+// Runs of one triangle share its set-up; scratch keeps it from run to run.
+void stage_interpolate_row(const AttributeJob& job, int64_t y, Parent* parent) {
+  const int64_t* row = job.packed + y * job.width;
+  float* out = job.out + y * job.width * job.channels;
+  int64_t loaded = -1;
+  for (int64_t x = 0; x < job.width;) {
+    const int64_t triangle = row[x] == kBackground ? -1 : row[x] & 0xffffffff;
+    int64_t end = x + 1;
+    while (end < job.width && (row[end] == kBackground ? -1 : row[end] & 0xffffffff) == triangle) ++end;
+    bool valid = triangle >= 0 && triangle < job.triangle_count;
+    if (valid && triangle != loaded) {
+      valid = load_parent(job, triangle, parent);
+      loaded = valid ? triangle : -1;
+    }
+    if (valid)
+      interpolate_run(job, *parent, triangle, y, x, end, out);
+    else
+      __builtin_memset(out, 0, (size_t)((end - x) * job.channels) * sizeof(float));
+    out += (end - x) * job.channels;
+    x = end;
+  }
+}
+
+void stage_sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter, Wrap wrap, float* out) {
+  for (int64_t i = 0; i < count; ++i) sample(texture, height, width, channels, uv[2 * i], uv[2 * i + 1], filter, wrap, out + channels * i);
+}
+
+void stage_lambert(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights, int64_t count,
+                   float* out) {
+  for (int64_t i = 0; i < count; ++i) lambert(normals + 3 * i, albedo + 3 * i, ambient, directions, colors, lights, out + 3 * i);
+}
+
+void stage_encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out) {
+  for (int64_t i = 0; i < count; ++i) out[i] = encode_srgb(linear[i], thresholds);
+}
+
+}  // namespace
+}  // namespace bigtri

@@ -1,0 +1,201 @@
+// The bin-owned variant: one worker owns a 64x64 px bin at a time, keeps it in cache while every triangle of its list touches it, and writes each pixel to the frame once.
+// No clear, no atomics, no order. Hidden surfaces are rejected without sorting: what covers a bin (or a tile) completely bounds the depth behind which nothing can be seen,
+// and the bounds are gathered before anything is drawn. Compiled once per instruction set.
+#pragma once
+
+#include "depth.inl"
+#include "frame.inl"
+#include "tile_mask.inl"
+
+namespace bigtri {
+namespace {
+
+constexpr int kBlock = 96;  // large records drawn together: enough for their common depth bounds to hide most of them
+
+struct Large {
+  CellDepth depth;
+  NarrowEdge edge[3];
+  uint64_t touched, full;
+  float nearest;  // over the bin
+};
+
+// Pixels of the bin, row by row; the small path reads and writes up to seven pixels past a row's end, which changes nothing there.
+struct Scratch {
+  alignas(64) int64_t pixels[kBin * kBin + 8];
+  float tile_far[64];  // behind this depth nothing of the tile can be seen
+  Large block[kBlock];
+};
+static_assert(sizeof(Scratch) <= kScratchBytes, "scratch");
+
+template <bool kThin, bool kFar>
+BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels) {
+  const CellDepth d = l.depth;  // a copy, so that stores to pixels cannot change it
+  PlaneTable table;
+  if (!kThin) plane_table(d, &table);
+  for (uint64_t full = visible & l.full; full; full &= full - 1) {
+    const int t = __builtin_ctzll(full), x = t % 8 * kTile, y = t / 8 * kTile;
+    for (int j = 0; j < kTile; ++j) keep_nearest(pixels + (y + j) * kBin + x, row_packed<kThin, kFar>(d, table, x, y + j));
+  }
+  visible &= ~l.full;
+  if (!visible) return;
+  // Rows of partly covered tiles: first a list of them, without branches that depend on the coverage, then one loop over it.
+  const NarrowEdge edge[3] = {l.edge[0], l.edge[1], l.edge[2]};
+  i32x16 offset[3];
+  for (int k = 0; k < 3; ++k) offset[k] = lanes(0, edge[k].sx, edge[k].sy);
+  const i32x8 below = {0, kBin, 2 * kBin, 3 * kBin, 4 * kBin, 5 * kBin, 6 * kBin, 7 * kBin};
+  uint32_t rows[kBin * kBin / 8 + 8];
+  int count = 0;
+  for (; visible; visible &= visible - 1) {
+    const int t = __builtin_ctzll(visible);
+    count = append_rows(tile_coverage(edge, offset, t % 8, t / 8), below + (t / 8 * kTile * kBin + t % 8 * kTile), rows, count);
+  }
+  for (int i = 0; i < count; ++i) {
+    const int at = (int)(rows[i] >> 8);
+    keep_nearest(pixels + at, row_packed<kThin, kFar>(d, table, at % kBin, at / kBin), rows[i] & 0xff);
+  }
+}
+
+BIGTRI_INLINE void draw_large(const Large& l, uint64_t visible, int64_t* pixels) {
+  if (l.depth.thin) {
+    if (l.depth.far)
+      draw_tiles<true, true>(l, visible, pixels);
+    else
+      draw_tiles<true, false>(l, visible, pixels);
+  } else if (l.depth.far) {
+    draw_tiles<false, true>(l, visible, pixels);
+  } else {
+    draw_tiles<false, false>(l, visible, pixels);
+  }
+}
+
+// Draws the block: first the depth bounds of every tile that some record covers completely, then what is not behind them.
+void draw_block(Scratch* s, int count, float bin_far) {
+  uint64_t bounded = 0;
+  for (int i = 0; i < count; ++i) {
+    Large& l = s->block[i];
+    l.touched = l.nearest > bin_far ? 0 : l.touched;
+    if (!l.touched || l.depth.far) continue;
+    bounded |= l.full;
+    for (uint64_t rest = l.full; rest;) {
+      const int row = __builtin_ctzll(rest) / 8;
+      const f32x8 z = tile_corner_depths(l.depth, row, true);
+      for (int c = 0; c < 8; ++c)
+        if (l.full >> (8 * row + c) & 1) s->tile_far[8 * row + c] = min_of(s->tile_far[8 * row + c], z[c]);
+      rest &= ~(0xffull << (8 * row));
+    }
+  }
+  for (int i = 0; i < count; ++i) {
+    const Large& l = s->block[i];
+    uint64_t visible = l.touched;
+    for (uint64_t rest = visible & bounded; rest;) {
+      const int row = __builtin_ctzll(rest) / 8;
+      const f32x8 z = tile_corner_depths(l.depth, row, false);
+      const f32x8 bound = *(const f32x8u*)(s->tile_far + 8 * row);
+      const i32x8 hidden = z > bound;
+      for (int c = 0; c < 8; ++c) visible &= ~((uint64_t)(hidden[c] & 1) << (8 * row + c));
+      rest &= ~(0xffull << (8 * row));
+    }
+    if (visible) draw_large(l, visible, s->pixels);
+  }
+}
+
+// A small record within the bin: rows of its bbox, eight pixels at a time, no tiles.
+template <bool kThin, bool kFar>
+BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, int bin_y, int64_t* pixels) {
+  const int left = bin_x * kBin, top = bin_y * kBin;
+  const int x0 = max_of(r.x0 - left, 0), y0 = max_of(r.y0 - top, 0), x1 = min_of(r.x1 - left, kBin), y1 = min_of(r.y1 - top, kBin);
+  i32x8 row[3];
+  int32_t sx[3], sy[3];
+  const i32x8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
+  for (int k = 0; k < 3; ++k) {
+    const Edge e = edge_of(r.x, r.y, k);
+    sx[k] = (int32_t)-e.dy;
+    sy[k] = (int32_t)e.dx;
+    row[k] = (int32_t)edge_steps(e, left + x0, top + y0) + lane * sx[k];
+  }
+  for (int y = y0; y < y1; ++y) {
+    for (int x = x0; x < x1; x += 8) {
+      const int32_t skip = x - x0;
+      const i32x8 outside = (row[0] + skip * sx[0]) | (row[1] + skip * sx[1]) | (row[2] + skip * sx[2]) | (x1 - x - 1 - lane);
+      const uint32_t bits = sign_mask(outside) ^ 0xff;
+      if (bits) keep_nearest(pixels + y * kBin + x, packed_of<kFar>(d, row_depth<kThin>(d, x, y)), bits);
+    }
+    for (int k = 0; k < 3; ++k) row[k] += sy[k];
+  }
+}
+
+BIGTRI_INLINE void draw_small_record(const Record& r, int bin_x, int bin_y, int64_t* pixels) {
+  CellDepth d;
+  cell_depth(r, bin_x, bin_y, &d);
+  if (d.thin) {
+    if (d.far)
+      draw_small<true, true>(r, d, bin_x, bin_y, pixels);
+    else
+      draw_small<true, false>(r, d, bin_x, bin_y, pixels);
+  } else if (d.far) {
+    draw_small<false, true>(r, d, bin_x, bin_y, pixels);
+  } else {
+    draw_small<false, false>(r, d, bin_x, bin_y, pixels);
+  }
+}
+
+// Draws the list's records that are not behind everything; pixels holds what earlier passes left.
+void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, int bin_x, int bin_y, Scratch* s) {
+  // Whatever covers the whole bin hides all that begins behind its end.
+  float bin_far = kInfinity;
+  for (const uint32_t* e = list; e < end; ++e)
+    if (*e & kEntryFull) {
+      const Record& r = job.records[*e >> kEntryShift];
+      if (!(r.flags & kRecordFar)) bin_far = min_of(bin_far, r.zmax);
+    }
+  for (int i = 0; i < 64; ++i) s->tile_far[i] = kInfinity;
+  int count = 0;
+  bool any_small = false;
+  for (const uint32_t* e = list; e < end; ++e) {
+    if (*e & kEntrySmall) {
+      any_small = true;
+      continue;
+    }
+    const Record& r = job.records[*e >> kEntryShift];
+    if (r.zmin > bin_far) continue;
+    Large& l = s->block[count];
+    cell_depth(r, bin_x, bin_y, &l.depth);
+    l.nearest = nearest_depth(l.depth, 0, 0, kBin);
+    if (l.nearest > bin_far) continue;
+    const bool full = *e & kEntryFull;
+    if (full && !l.depth.far) bin_far = min_of(bin_far, farthest_depth(l.depth, 0, 0, kBin));
+    for (int k = 0; k < 3; ++k) l.edge[k] = full ? NarrowEdge{0, 0, 0} : narrow(bin_edge(edge_of(r.x, r.y, k), bin_x, bin_y));
+    const TileMasks m = full ? TileMasks{~0ull, ~0ull} : tile_masks(l.edge);
+    l.touched = m.touched & bbox_tiles(r.x0 - bin_x * kBin, r.y0 - bin_y * kBin, r.x1 - bin_x * kBin, r.y1 - bin_y * kBin);
+    l.full = m.full & l.touched;
+    if (++count == kBlock) {
+      draw_block(s, count, bin_far);
+      count = 0;
+    }
+  }
+  draw_block(s, count, bin_far);
+  if (!any_small) return;
+  for (const uint32_t* e = list; e < end; ++e) {
+    const Record& r = job.records[*e >> kEntryShift];
+    if ((*e & kEntrySmall) && !(r.zmin > bin_far)) draw_small_record(r, bin_x, bin_y, s->pixels);
+  }
+}
+
+void raster_bin(const RasterJob& job, int bin, void* memory) {
+  Scratch* s = (Scratch*)memory;
+  const uint32_t *list = job.entries + job.list_begin[bin], *end = job.entries + job.list_begin[bin + 1];
+  const int bin_x = bin % job.bins_x, bin_y = bin / job.bins_x;
+  const Patch patch = patch_of(job, bin_x, bin_y);
+  if (list == end) {
+    if (job.first_pass) store_background(job, patch);
+    return;
+  }
+  for (int i = 0; i < kBin * kBin; i += 8) *(i64x8*)(s->pixels + i) = (i64x8){} + kBackground;
+  if (!job.first_pass) load_bin(job, patch, s->pixels);
+  draw_list(job, list, end, bin_x, bin_y, s);
+  apply_scissor(job.view, patch, s->pixels);
+  store_bin(job, patch, s->pixels);
+}
+
+}  // namespace
+}  // namespace bigtri

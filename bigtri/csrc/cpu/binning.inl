@@ -1,0 +1,51 @@
+// Records to pairs of (bin, record), compiled once per instruction set.
+#pragma once
+
+#include "kernels.h"
+
+namespace bigtri {
+namespace {
+
+int64_t bin_records(const Record* records, const uint32_t* candidates, int64_t begin, int64_t end, int bins_x, BinPair* pairs, uint32_t* counts) {
+  int64_t n = 0;
+  for (int64_t i = begin; i < end; ++i) {
+    if (!candidates[i]) continue;
+    const Record& r = records[i];
+    const int c0 = r.x0 / kBin, c1 = (r.x1 - 1) / kBin, r0 = r.y0 / kBin, r1 = (r.y1 - 1) / kBin;
+    if (!(r.flags & kRecordLarge)) {
+      for (int y = r0; y <= r1; ++y)
+        for (int x = c0; x <= c1; ++x) {
+          const uint32_t bin = (uint32_t)(y * bins_x + x);
+          pairs[n++] = {bin, (uint32_t)i << kEntryShift | kEntrySmall};
+          ++counts[bin];
+        }
+      continue;
+    }
+    // Extremes of each edge over the bins of a row are linear in the column: step them instead of multiplying anew.
+    BinEdge corner[3];
+    for (int k = 0; k < 3; ++k) corner[k] = bin_edge(edge_of(r.x, r.y, k), c0, r0);
+    for (int y = r0; y <= r1; ++y) {
+      int64_t high[3], low[3], step[3];
+      for (int k = 0; k < 3; ++k) {
+        high[k] = corner[k].highest + (y - r0) * kBin * corner[k].sy;
+        low[k] = corner[k].lowest + (y - r0) * kBin * corner[k].sy;
+        step[k] = kBin * corner[k].sx;
+      }
+      for (int x = c0; x <= c1; ++x) {
+        if ((high[0] | high[1] | high[2]) >= 0) {  // sign bit clear in all three
+          const uint32_t bin = (uint32_t)(y * bins_x + x), full = (low[0] | low[1] | low[2]) >= 0 ? kEntryFull : 0;
+          pairs[n++] = {bin, (uint32_t)i << kEntryShift | full};
+          ++counts[bin];
+        }
+        for (int k = 0; k < 3; ++k) {
+          high[k] += step[k];
+          low[k] += step[k];
+        }
+      }
+    }
+  }
+  return n;
+}
+
+}  // namespace
+}  // namespace bigtri

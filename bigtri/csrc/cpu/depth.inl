@@ -1,0 +1,97 @@
+// Depth of eight pixels of a row, and its extremes over squares; compiled once per instruction set.
+#pragma once
+
+#include "kernels.h"
+#include "simd.h"
+
+namespace bigtri {
+namespace {
+
+// A record's depth within one cell (= one bin). Thin records carry their edges instead of a plane; all values are integers below 2^53, so stepping them in
+// float64 is exact.
+struct CellDepth {
+  double zcell, dzdx, dzdy;
+  double e[3], ex[3], ey[3], z[3], area;
+  float zmin, zmax;
+  uint32_t triangle;
+  bool thin, far;
+};
+
+BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* d) {
+  d->zmin = r.zmin;
+  d->zmax = r.zmax;
+  d->triangle = r.triangle;
+  d->thin = r.flags & kRecordThin;
+  d->far = r.flags & kRecordFar;
+  if (!d->thin) {
+    d->dzdx = r.dzdx;
+    d->dzdy = r.dzdy;
+    d->zcell = depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin);
+    return;
+  }
+  d->area = (double)r.area;
+  for (int k = 0; k < 3; ++k) {
+    const Edge e = edge_of(r.x, r.y, k);
+    d->e[k] = (double)edge_value(e, pixel_centre(bin_x * kBin), pixel_centre(bin_y * kBin));
+    d->ex[k] = (double)(-kSubpixel * e.dy);
+    d->ey[k] = (double)(kSubpixel * e.dx);
+    d->z[k] = r.z[k];
+  }
+}
+
+// The plane's terms for every row and column of the cell: a pixel is then one addition.
+struct PlaneTable {
+  double row[kBin];
+  f64x8 column[kBin / 8];
+};
+
+BIGTRI_INLINE void plane_table(const CellDepth& d, PlaneTable* t) {
+  for (int i = 0; i < kBin; i += 8) {
+    const f64x8 at = kLane + (double)i;
+    *(f64x8u*)(t->row + i) = plane_row(d.zcell, d.dzdy, at);
+    t->column[i / 8] = plane_column(d.dzdx, at);
+  }
+}
+
+// Depth of the pixels (i, j), i + 1, ... i + 7 of the cell, not yet rounded.
+template <bool kThin>
+BIGTRI_INLINE f64x8 row_depth(const CellDepth& d, int i, int j) {
+  const f64x8 x = kLane + (double)i;
+  if (!kThin) return plane_row<double>(d.zcell, d.dzdy, j) + plane_column(d.dzdx, x);
+  const f64x8 g0 = (d.e[0] + d.ey[0] * j) + d.ex[0] * x, g1 = (d.e[1] + d.ey[1] * j) + d.ex[1] * x, g2 = (d.e[2] + d.ey[2] * j) + d.ex[2] * x;
+  return weighted_depth<f64x8>(g0, g1, g2, d.z[0], d.z[1], d.z[2], d.area);
+}
+
+template <bool kFar>
+BIGTRI_INLINE i64x8 packed_of(const CellDepth& d, f64x8 depth) {
+  const f32x8 z = clamp_depth(to_float(depth), splat(d.zmin), splat(d.zmax));
+  const i64x8 packed = pack(z, d.triangle);
+  if (!kFar) return packed;
+  return __builtin_convertvector(z > 1.0f, i64x8) ? (i64x8){} + kBackground : packed;
+}
+
+// Eight pixels of the cell, from the table or (thin) from the edges.
+template <bool kThin, bool kFar>
+BIGTRI_INLINE i64x8 row_packed(const CellDepth& d, const PlaneTable& t, int x, int y) {
+  return packed_of<kFar>(d, kThin ? row_depth<true>(d, x, y) : t.row[y] + t.column[x / 8]);
+}
+
+// The nearest (farthest) depth over the px square of the given size at (i, j): at a corner, with the pixels' own arithmetic, so exact.
+BIGTRI_INLINE float corner_depth(const CellDepth& d, int i, int j, int last, bool farthest) {
+  const int x = (d.dzdx < 0) != farthest ? i + last : i, y = (d.dzdy < 0) != farthest ? j + last : j;
+  return finish_depth(plane_row<double>(d.zcell, d.dzdy, y) + plane_column<double>(d.dzdx, x), d.zmin, d.zmax);
+}
+
+BIGTRI_INLINE float nearest_depth(const CellDepth& d, int i, int j, int size) { return d.thin ? d.zmin : corner_depth(d, i, j, size - 1, false); }
+BIGTRI_INLINE float farthest_depth(const CellDepth& d, int i, int j, int size) { return d.thin ? d.zmax : corner_depth(d, i, j, size - 1, true); }
+
+// Corner depths of the eight tiles of a row.
+BIGTRI_INLINE f32x8 tile_corner_depths(const CellDepth& d, int row, bool farthest) {
+  if (d.thin) return splat(farthest ? d.zmax : d.zmin);
+  const int x = (d.dzdx < 0) != farthest ? kTile - 1 : 0, y = (d.dzdy < 0) != farthest ? kTile - 1 : 0;
+  const f64x8 z = plane_row<double>(d.zcell, d.dzdy, kTile * row + y) + plane_column(d.dzdx, kLane * (double)kTile + (double)x);
+  return clamp_depth(to_float(z), splat(d.zmin), splat(d.zmax));
+}
+
+}  // namespace
+}  // namespace bigtri

@@ -1,0 +1,64 @@
+// Between a bin's pixels and the frame; compiled once per instruction set.
+#pragma once
+
+#include "kernels.h"
+#include "simd.h"
+
+namespace bigtri {
+namespace {
+
+// The bin's part of the image, px.
+struct Patch {
+  int x, y, width, height;
+};
+
+BIGTRI_INLINE Patch patch_of(const RasterJob& job, int bin_x, int bin_y) {
+  const int x = bin_x * kBin, y = bin_y * kBin;
+  return {x, y, min_of(kBin, job.view.width - x), min_of(kBin, job.view.height - y)};
+}
+
+void load_bin(const RasterJob& job, const Patch& p, int64_t* pixels) {
+  for (int j = 0; j < p.height; ++j)
+    __builtin_memcpy(pixels + j * kBin, job.packed + (int64_t)(p.y + j) * job.view.width + p.x, (size_t)p.width * sizeof(int64_t));
+}
+
+// Tiles and spans ignore the scissor inside a bin; what they drew outside it is taken back here, in the few bins that it crosses.
+void apply_scissor(const Viewport& v, const Patch& p, int64_t* pixels) {
+  if (v.x0 <= p.x && v.y0 <= p.y && v.x1 >= p.x + p.width && v.y1 >= p.y + p.height) return;
+  for (int j = 0; j < p.height; ++j)
+    for (int i = 0; i < p.width; ++i)
+      if (p.x + i < v.x0 || p.x + i >= v.x1 || p.y + j < v.y0 || p.y + j >= v.y1) pixels[j * kBin + i] = kBackground;
+}
+
+// Row j of a patch: the pixels given, or background where there are none.
+BIGTRI_INLINE void store_row(const RasterJob& job, const Patch& p, int j, const int64_t* row) {
+  const i64x8 background = (i64x8){} + kBackground;
+  const int64_t at = (int64_t)(p.y + j) * job.view.width + p.x;
+  int64_t* to = job.packed + at;
+  if (p.width == kBin && ((uintptr_t)to & 63) == 0)
+    for (int i = 0; i < kBin; i += 8) stream(to + i, row ? *(const i64x8*)(row + i) : background);
+  else
+    for (int i = 0; i < p.width; ++i) to[i] = row ? row[i] : kBackground;
+  if (!job.depth) return;
+  float* depth = job.depth + at;
+  for (int i = 0; i < p.width; i += 8) {
+    const i32x8 bits = row ? __builtin_convertvector(*(const i64x8*)(row + i) >> 32, i32x8) : (i32x8){} + 0x7fffffff;
+    const f32x8 z = (bits == 0x7fffffff) ? splat(kInfinity) : (f32x8)bits;
+    const int n = p.width - i;
+    if (n >= 8)
+      *(f32x8u*)(depth + i) = z;
+    else
+      for (int k = 0; k < n; ++k) depth[i + k] = z[k];
+  }
+}
+
+void store_bin(const RasterJob& job, const Patch& p, const int64_t* pixels) {
+  for (int j = 0; j < p.height; ++j) store_row(job, p, j, pixels + j * kBin);
+}
+
+void store_background(const RasterJob& job, const Patch& p) {
+  for (int j = 0; j < p.height; ++j) store_row(job, p, j, nullptr);
+}
+
+}  // namespace
+}  // namespace bigtri
