@@ -107,7 +107,7 @@ def _stage_timings(scene: Scene, positions: NDArray[np.float32], resolution: tup
 
     records, _ = step("setup", lambda: stages.setup(positions, scene.triangles, height, width, backend=backend))
     note(f"{len(records.triangle)} records")
-    candidates, kept, small = step("binning", lambda: stages.binning(records, height, width, backend=backend))
+    candidates, kept, small = step("binning", lambda: stages.binning(records, backend=backend))
     queue = candidates[kept]
     note(f"{len(candidates)} candidate bins, {len(queue)} kept; {len(small)} small records")
     touched, full = step("tile mask", lambda: stages.tile_mask(records, queue, backend=backend))

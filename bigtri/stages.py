@@ -41,14 +41,16 @@ def setup(
     return Records(*fields), int(dropped)
 
 
-def binning(records: Records, height: int, width: int, threshold: int = LARGE_THRESHOLD, *, backend: str = "auto") -> Bins:
-    """Candidate bins of the records with more than ``threshold`` px in their bbox, which of them no edge rejects, and the small records."""
+def binning(records: Records, threshold: int = LARGE_THRESHOLD, *, backend: str = "auto") -> Bins:
+    """The bins of records with more than ``threshold`` px in their bbox, which of them no edge rejects, and the other records."""
     if arrays.choose_backend("binning", backend) == "reference":
-        return reference.binning(records, height, width, threshold)
+        return reference.binning(records, threshold)
     return Bins(*_native("binning", records.xy, records.bbox, threshold))
 
 
-def tile_mask(records: Records, queue: NDArray[np.int32], *, backend: str = "auto") -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def tile_mask(
+    records: Records, queue: NDArray[np.int32], *, backend: str = "auto"
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """64-bit masks (touched, full), int64 [Q] each, of the queue's entries int32 [Q, 3] (record, bin column, bin row)."""
     if arrays.choose_backend("tile_mask", backend) == "reference":
         return reference.tile_mask(records, queue)
@@ -59,7 +61,7 @@ def tile_mask(records: Records, queue: NDArray[np.int32], *, backend: str = "aut
 def scanline(
     records: Records, queue: NDArray[np.int32], touched: NDArray[np.int64], small: NDArray[np.int32], *, backend: str = "auto"
 ) -> NDArray[np.int32]:
-    """Spans int32 [S, 4] (record, y, lower, upper) of covered pixels: of the queue's touched tiles, then of the small records int32 [M]."""
+    """Spans int32 [S, 4] (record, y, lower, upper): of the queue's touched tiles, then of the small records, int32 [M]."""
     if arrays.choose_backend("scanline", backend) == "reference":
         return reference.scanline(records, queue, touched, small)
     return _native("scanline", records.xy, records.bbox, queue, touched, small)[0]

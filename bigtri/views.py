@@ -132,7 +132,7 @@ def fragment_counts(
     """int64 [H, W]: fragments per pixel, from the spans; arguments as for ``overdraw``."""
     height, width = resolution
     records, _ = stages.setup(positions, triangles, height, width, cull, backend=backend)
-    candidates, kept, small = stages.binning(records, height, width, backend=backend)
+    candidates, kept, small = stages.binning(records, backend=backend)
     queue = candidates[kept]
     touched, _ = stages.tile_mask(records, queue, backend=backend)
     spans = stages.scanline(records, queue, touched, small, backend=backend).astype(np.int64)
@@ -167,7 +167,7 @@ def bins(
     # A single triangle is shown in bins whatever its size; of a scene, only what the method does bin.
     threshold = {} if triangle is None else {"threshold": 0}
     records, _ = stages.setup(positions, chosen, height, width, cull, backend=backend)
-    candidates, kept, small = stages.binning(records, height, width, backend=backend, **threshold)
+    candidates, kept, small = stages.binning(records, backend=backend, **threshold)
     queue = candidates[kept]
     touched, full = stages.tile_mask(records, queue, backend=backend)
 

@@ -71,7 +71,7 @@ def scene(request: pytest.FixtureRequest) -> tuple[Records, list[brute_force.Rec
 
 
 def queue_of(records: Records, threshold: int = 0) -> np.ndarray:
-    bins = binning(records, HEIGHT, WIDTH, threshold)
+    bins = binning(records, threshold)
     return bins.candidates[bins.kept]
 
 
@@ -89,7 +89,7 @@ def inside_each_edge(record: brute_force.Record, left: int, top: int, size: int)
 
 
 def all_spans(records: Records, threshold: int) -> np.ndarray:
-    bins = binning(records, HEIGHT, WIDTH, threshold)
+    bins = binning(records, threshold)
     queue = bins.candidates[bins.kept]
     return scanline(records, queue, tile_mask(records, queue)[0], bins.small)
 
@@ -99,7 +99,7 @@ def all_spans(records: Records, threshold: int) -> np.ndarray:
 
 def test_binning_keeps_the_bins_that_no_edge_rejects(scene: tuple[Records, list[brute_force.Record]]) -> None:
     records, one_by_one = scene
-    bins = binning(records, HEIGHT, WIDTH, threshold=0)
+    bins = binning(records, threshold=0)
     assert bins.candidates.dtype == np.int32 and bins.small.dtype == np.int32 and bins.kept.dtype == bool
     expected, kept = [], []
     for index, record in enumerate(one_by_one):
@@ -117,7 +117,7 @@ def test_bins_are_whole_beyond_the_edge_of_the_screen() -> None:
     """On a screen of 70 px, the second column of bins goes on to 128 px, and only there does this triangle reach row 60."""
     positions = np.array([[-1, -1, 0, 1], [3, -1, 0, 1], [-1, 3, 0, 1]], np.float32)
     records, _ = setup(positions, np.array([[0, 1, 2]], np.int32), 70, 70)
-    bins = binning(records, 70, 70, 0)
+    bins = binning(records, 0)
     assert bins.candidates[:, 1:].tolist() == [[0, 0], [1, 0], [0, 1], [1, 1]] and bins.kept.all()
 
 
@@ -127,7 +127,7 @@ def test_a_bin_and_a_tile_may_hold_no_more_than_a_corner() -> None:
     for shift, covered in ((0, True), (1, False)):
         xy = np.array([[[centre + 5000, centre - 5000], [centre - 5000, centre + 5000], [centre + 9000, centre + 9000]]])
         records, _ = setup(*on_grid(xy + [shift, 0], np.full((1, 3), 0.5)), HEIGHT, WIDTH)
-        bins = binning(records, HEIGHT, WIDTH, 0)
+        bins = binning(records, 0)
         assert bins.candidates[0].tolist() == [0, 0, 0] and bins.kept[0] == covered
         touched, _ = tile_mask(records, bins.candidates)
         assert touched.view(np.uint64)[0] == (1 << 63 if covered else 0)
@@ -137,10 +137,10 @@ def test_large_means_more_pixels_in_the_bbox_than_the_threshold() -> None:
     corners = np.array([[[0, 0], [50 * 256, 0], [0, 80 * 256]], [[0, 0], [51 * 256, 0], [0, 80 * 256]]])
     records, _ = setup(*on_grid(corners, np.full((2, 3), 0.5)), HEIGHT, WIDTH)
     assert records.bbox.tolist() == [[0, 0, 50, 80], [0, 0, 51, 80]]
-    bins = binning(records, HEIGHT, WIDTH)
+    bins = binning(records)
     assert bins.small.tolist() == [0] and set(bins.candidates[:, 0].tolist()) == {1}
-    assert binning(records, HEIGHT, WIDTH, threshold=3999).small.tolist() == []
-    assert binning(records, HEIGHT, WIDTH, threshold=4080).small.tolist() == [0, 1]
+    assert binning(records, threshold=3999).small.tolist() == []
+    assert binning(records, threshold=4080).small.tolist() == [0, 1]
 
 
 # --- Tile masks --------------------------------------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ def test_spans_hold_exactly_the_covered_pixels(scene: tuple[Records, list[brute_
 def test_spans_are_sorted(scene: tuple[Records, list[brute_force.Record]]) -> None:
     records, _ = scene
     spans = all_spans(records, 4000)
-    is_small = np.isin(spans[:, 0], binning(records, HEIGHT, WIDTH, 4000).small)
+    is_small = np.isin(spans[:, 0], binning(records, 4000).small)
     record, y, x, _ = spans.astype(np.int64).T
     tile_order = np.lexsort((y, x >> 3, y >> 3, x >> 6, y >> 6, record))  # record, bin row and column, tile row and column, row
     row_order = np.lexsort((y, record))

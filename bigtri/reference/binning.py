@@ -9,12 +9,11 @@ from .numerics import BIN, LARGE_THRESHOLD, edges_of, ramp, rise, stepped_values
 from .records import Bins, Records
 
 
-def binning(records: Records, height: int, width: int, threshold: int = LARGE_THRESHOLD) -> Bins:
+def binning(records: Records, threshold: int = LARGE_THRESHOLD) -> Bins:
     """Lists the bins of every large record's bbox and keeps those that no edge rejects.
 
     Args:
         records: N records.
-        height, width: the image's size, px. Bboxes are cut to it already, so it decides nothing here.
         threshold: records with more pixels than this in their bbox are large, the others small.
 
     Returns:

@@ -50,15 +50,15 @@ def rasterize(
     packed = background(height, width)
     for chunk in _batches(bbox_bins(all_records), _BINS):
         records = Records(*(field[chunk] for field in all_records))
-        for spans in _spans(records, height, width, threshold):
+        for spans in _spans(records, threshold):
             for part in _batches(spans[:, 3] - spans[:, 2], _FRAGMENTS):
                 merge(packed, records, spans[part], depth(records, spans[part]))
     return packed, dropped
 
 
-def _spans(records: Records, height: int, width: int, threshold: int) -> Iterator[NDArray[np.int32]]:
+def _spans(records: Records, threshold: int) -> Iterator[NDArray[np.int32]]:
     """The spans of all records, int32 [S, 4] at a time."""
-    bins = binning(records, height, width, threshold)
+    bins = binning(records, threshold)
     queue = bins.candidates[bins.kept]
     none_queued, none_touched, none_small = queue[:0], np.zeros(0, np.int64), bins.small[:0]
     for part in _batches(np.full(len(queue), BIN), _ROWS):
