@@ -73,9 +73,11 @@ def rasterize(
     height, width = _integers(op, "resolution", resolution, 2, "(height, width)")
     if not (1 <= height <= MAX_SIZE and 1 <= width <= MAX_SIZE):
         raise ValueError(f"bigtri.{op}: resolution must be (height, width), 1 to {MAX_SIZE} each, got {(height, width)}")
-    box = (0, 0, width, height) if scissor is None else _integers(op, "scissor", scissor, 4, "(x0, y0, x1, y1)")
-    if not (box[0] <= box[2] and box[1] <= box[3]):
-        raise ValueError(f"bigtri.{op}: scissor must be (x0, y0, x1, y1) with x0 <= x1 and y0 <= y1, got {tuple(box)}")
+    whole = (0, 0, width, height)
+    x0, y0, x1, y1 = whole if scissor is None else _integers(op, "scissor", scissor, 4, "(x0, y0, x1, y1)")
+    box = (x0, y0, x1, y1)
+    if not (x0 <= x1 and y0 <= y1):
+        raise ValueError(f"bigtri.{op}: scissor must be (x0, y0, x1, y1) with x0 <= x1 and y0 <= y1, got {box}")
 
     clip = arrays.tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", (2, 3))
     faces = arrays.tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2)
@@ -97,13 +99,12 @@ def rasterize(
         _draw_reference(op, views, faces, box, cull, packed, image, dropped)
 
     packed = packed.view(shape)
-    result = Visibility(
-        packed,
-        packed.view(torch.int32)[..., _LOW_HALF::2],
-        image if image is None else image.view(shape),
-        dropped if clip.ndim == 3 else dropped[0],
+    return Visibility(
+        arrays.like(packed, positions),
+        arrays.like(packed.view(torch.int32)[..., _LOW_HALF::2], positions),
+        None if image is None else arrays.like(image.view(shape), positions),
+        arrays.like(dropped if clip.ndim == 3 else dropped[0], positions),
     )
-    return Visibility(*(field if field is None else arrays.like(field, positions) for field in result))
 
 
 def check_indices(op: str, triangles: torch.Tensor, vertices: int) -> None:
@@ -120,7 +121,7 @@ def _draw_reference(
     op: str,
     views: torch.Tensor,
     faces: torch.Tensor,
-    box: tuple[int, ...],
+    box: tuple[int, int, int, int],
     cull: str,
     packed: torch.Tensor,
     image: torch.Tensor | None,
@@ -129,7 +130,8 @@ def _draw_reference(
     """Draw each of ``views`` [B, V, 4] with the reference into packed [B, H, W], depth [B, H, W] and dropped [B]."""
     check_indices(op, faces, views.shape[1])
     for b, clip in enumerate(views):
-        result, lost = pipeline.rasterize(clip.cpu().numpy(), faces.cpu().numpy(), *packed.shape[1:], cull, box)
+        height, width = packed.shape[1:]
+        result, lost = pipeline.rasterize(clip.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box)
         packed[b] = torch.from_numpy(result)
         dropped[b] = lost
     if image is not None:
@@ -154,7 +156,9 @@ def _output(op: str, out: Array | None, shape: tuple[int, ...], device: torch.de
         return torch.empty(shape, dtype=torch.int64, device=device)
     tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) else out
     if not isinstance(tensor, torch.Tensor):
-        raise TypeError(f"bigtri.{op}: out must be int64 {list(shape)}, a torch tensor or a NumPy array, got {type(out).__name__}")
+        raise TypeError(
+            f"bigtri.{op}: out must be int64 {list(shape)}, a torch tensor or a NumPy array, got {type(out).__name__}"
+        )
     if tensor.dtype != torch.int64 or tensor.shape != shape or not tensor.is_contiguous() or tensor.device != device:
         raise ValueError(
             f"bigtri.{op}: out must be int64 {list(shape)}, contiguous, on {device}, "

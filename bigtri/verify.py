@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import stages
+from .arrays import Array
 from .interpolate import barycentrics
 from .rasterize import rasterize
 from .reference.numerics import BIN, LARGE_THRESHOLD, TILE
@@ -83,7 +84,8 @@ def compare(
     found = _records(expected, records)
     if found is None and lost != dropped:
         found = Difference("setup", "dropped", dropped, lost)
-    return found or _raster(expected, height, width, threshold) or _whole(positions, triangles, resolution, cull, scissor, variant)
+    found = found or _raster(expected, height, width, threshold)
+    return found or _whole(positions, triangles, resolution, cull, scissor, variant)
 
 
 def _records(expected: Records, got: Records) -> Difference | None:
@@ -97,8 +99,8 @@ def _records(expected: Records, got: Records) -> Difference | None:
 
 def _raster(records: Records, height: int, width: int, threshold: int) -> Difference | None:
     """The stages from binning to visibility."""
-    bins = stages.binning(records, height, width, threshold, backend="reference")
-    got_bins = stages.binning(records, height, width, threshold, backend="native")
+    bins = stages.binning(records, threshold, backend="reference")
+    got_bins = stages.binning(records, threshold, backend="native")
     for name, a, b in zip(Bins._fields, bins, got_bins, strict=True):
         if (index := first_difference(a, b)) is not None:
             entry = bins.candidates[index[0]] if name != "small" and index and index[0] < len(bins.candidates) else None
@@ -110,18 +112,18 @@ def _raster(records: Records, height: int, width: int, threshold: int) -> Differ
     touched, full = stages.tile_mask(records, queue, backend="reference")
     for name, a, b in zip(("touched", "full"), (touched, full), stages.tile_mask(records, queue, backend="native"), strict=True):
         if (index := first_difference(a, b)) is not None:
-            record, *place = (int(v) for v in queue[index[0]])
+            record, column, row = queue[index[0]].tolist()
             bit = int(np.unpackbits((a ^ b)[index[0] : index[0] + 1].view(np.uint8), bitorder="little").argmax())
-            masks = (f"{v[index] & (2**64 - 1):#018x}" for v in (a.astype(object), b.astype(object)))
-            triangle = int(records.triangle[record])
-            return Difference("tile_mask", f"{name}{list(index)}", *masks, triangle, tuple(place), (bit % 8, bit // 8))
+            mask, got_mask = (f"{int(v[index]) & (2**64 - 1):#018x}" for v in (a, b))
+            where = (int(records.triangle[record]), (column, row), (bit % 8, bit // 8))
+            return Difference("tile_mask", f"{name}{list(index)}", mask, got_mask, *where)
 
     spans = stages.scanline(records, queue, touched, bins.small, backend="reference")
     got_spans = stages.scanline(records, queue, touched, bins.small, backend="native")
     if (index := first_difference(spans, got_spans)) is not None:
-        row = (spans if index[0] < len(spans) else got_spans)[index[0]]
-        pixel = (int(row[2]), int(row[1]))
-        return _at_pixel("scanline", f"span {index[0]}", _row(spans, index), _row(got_spans, index), pixel, records, int(row[0]))
+        record, y, lower, _ = (spans if index[0] < len(spans) else got_spans)[index[0]].tolist()
+        pixel = (lower, y)
+        return _at_pixel("scanline", f"span {index[0]}", _row(spans, index), _row(got_spans, index), pixel, records, record)
 
     z = stages.depth(records, spans, backend="reference")
     got_z = stages.depth(records, spans, backend="native")
@@ -149,20 +151,20 @@ def _whole(
         rasterize(positions, triangles, resolution, backend=backend, variant=variant, cull=cull, scissor=scissor)
         for backend in ("reference", "native")
     )
-    found = _image("rasterize", a.packed, b.packed) or _image("rasterize", a.depth, b.depth)
-    if found:
+    if found := _image("rasterize", a.packed, b.packed) or _image("rasterize", a.depth, b.depth):
         return found
-    weights = (barycentrics(a, positions, triangles, backend=backend) for backend in ("reference", "native"))
-    return _image("attributes", *weights)
+    expected, got = (barycentrics(a, positions, triangles, backend=backend) for backend in ("reference", "native"))
+    return _image("attributes", expected, got)
 
 
-def _image(stage: str, expected: NDArray[Any], got: NDArray[Any]) -> Difference | None:
+def _image(stage: str, expected: Array | None, got: Array | None) -> Difference | None:
+    assert isinstance(expected, np.ndarray) and isinstance(got, np.ndarray)  # NumPy in, NumPy out
     index = first_difference(expected, got)
     if index is None:
         return None
     what = "packed" if expected.dtype == np.int64 else f"{expected.dtype} image"
-    values = (f"{int(v[index]):#018x}" if v.dtype == np.int64 else v[index] for v in (expected, got))
-    return _at_pixel(stage, what, *values, (index[1], index[0]))
+    a, b = (f"{int(v[index]):#018x}" if v.dtype == np.int64 else v[index] for v in (expected, got))
+    return _at_pixel(stage, what, a, b, (index[1], index[0]))
 
 
 def _at_pixel(

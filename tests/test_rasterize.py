@@ -52,7 +52,10 @@ def test_batch_equals_single_views(backend):
 
 
 def test_culling_is_by_winding_on_the_screen(backend):
-    drawn = {cull: bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend, cull=cull).triangle.max() for cull in ("none", "back", "front")}
+    drawn = {
+        cull: bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend, cull=cull).triangle.max()
+        for cull in ("none", "back", "front")
+    }
     assert drawn == {"none": 0, "back": 0, "front": -1}
 
 

@@ -16,7 +16,7 @@ import struct
 from collections.abc import Sequence
 from fractions import Fraction
 from math import frexp, inf, isfinite, lcm, ldexp
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,13 +68,14 @@ def records(
             dropped += 1
             continue
         for sub in _sub_triangles(corners, height, width):
-            record = _oriented(index, *sub, _window(height, width, scissor), cull)
+            xy, z, w, corner, weights, clipped = sub
+            record = _oriented(index, xy, z, w, corner, weights, clipped, _window(height, width, scissor), cull)
             if record is not None:
                 result.append(record)
     return result, dropped
 
 
-def _sub_triangles(corners: list[Vector], height: int, width: int) -> list[tuple]:
+def _sub_triangles(corners: list[Vector], height: int, width: int) -> list[tuple[Any, ...]]:
     """Lists (snapped vertices, depths, w, corner, weights, clipped), not yet oriented."""
     planes = _planes(height, width)
     outside = {name: [_distance(plane, c) < 0 for c in corners] for name, plane in planes.items()}
@@ -289,7 +290,7 @@ def coverage(record: Record, height: int, width: int) -> NDArray[np.bool_]:
 
 def exact_depth(record: Record, px: int, py: int) -> Fraction:
     """The depth of the plane through the snapped vertices at the centre of pixel (px, py)."""
-    return sum(e * Fraction(z) for e, z in zip(_edge_values(record, px, py), record.z, strict=True)) / record.area
+    return Fraction(sum(e * Fraction(z) for e, z in zip(_edge_values(record, px, py), record.z, strict=True))) / record.area
 
 
 def depth(record: Record, px: int, py: int) -> float:
@@ -370,7 +371,8 @@ def outline(corners: Sequence[Vector], height: int, width: int) -> list[HalfPlan
     if det == 0:
         return []
     lines = [[c / det for c in normal] for normal in normals]
-    lines.append([sum((corner[2] + corner[3]) * line[k] for corner, line in zip(exact, lines, strict=True)) for k in range(3)])
+    near = [(corner[2] + corner[3], line) for corner, line in zip(exact, lines, strict=True)]
+    lines.append([sum((distance * line[k] for distance, line in near), Fraction(0)) for k in range(3)])
     # nx = 2x / W - 1, ny = 1 - 2y / H
     return [_integral(2 * a / width, -2 * b / height, c - a + b) for a, b, c in lines]
 

@@ -9,7 +9,7 @@ triangles that share the edge thus get the same new vertex, bit for bit, and no 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,14 +103,15 @@ def _precedes(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool
 
 def _cut(polygons: Polygons, slots: NDArray[np.float64], plane: Plane, number: int) -> Polygons:
     """Cuts all polygons with one plane; those of triangles wholly inside it stay as they are."""
-    crosses = (plane.distance(slots) < 0).any(axis=1)  # [C]
+    crosses = np.any(plane.distance(slots) < 0, axis=1)  # [C]
     inside = (plane.distance(polygons.position) >= 0) | ~crosses[polygons.owner]  # [M]
     following = _following(polygons.owner)
     a = np.flatnonzero(inside != inside[following])  # the polygon edges a -> b that the plane crosses
     made = _crossing_vertices(polygons, a, following[a], slots, plane, number)
     # The vertex made on the edge that begins at vertex i comes right behind it, so they get the sort keys 2i + 1 and 2i.
     order = np.argsort(np.concatenate([2 * np.flatnonzero(inside), 2 * a + 1]))
-    return Polygons(*(np.concatenate([old[inside], new])[order] for old, new in zip(polygons, made, strict=True)))
+    fields: zip[tuple[NDArray[Any], NDArray[Any]]] = zip(polygons, made, strict=True)
+    return Polygons(*(np.concatenate([old[inside], new])[order] for old, new in fields))
 
 
 def _following(owner: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,12 +47,12 @@ def setup(
         The records in the order of (triangle, fan position), and the number of triangles dropped for a NaN or an infinity.
     """
     corners = positions[triangles]  # f32 [T, 3, 4]
-    finite = np.isfinite(corners).all(axis=(1, 2))
+    finite: NDArray[np.bool_] = np.all(np.isfinite(corners), axis=(1, 2))
     planes = clip_planes(height, width)
     with np.errstate(invalid="ignore"):  # of triangles that are dropped
         inside = np.stack([plane.distance(corners.astype(np.float64)) >= 0 for plane in planes], axis=-1)  # [T, 3, 6]
-    candidate = finite & inside.any(axis=1).all(axis=1)  # not wholly outside one plane
-    uncut = inside.all(axis=(1, 2))
+    candidate = finite & np.all(np.any(inside, axis=1), axis=1)  # not wholly outside one plane
+    uncut = np.all(inside, axis=(1, 2))
 
     # Inside all planes w >= 0, and w = 0 only at the origin of clip space, which is nowhere on the screen.
     whole = np.flatnonzero(candidate & uncut & (corners[:, :, W] > 0).all(axis=1))
@@ -61,9 +61,9 @@ def setup(
     if cut.size:
         polygons, corner = clip(corners[cut].astype(np.float64), planes)
         parts.append(_snap_polygons(cut, polygons, corner, height, width))
-    snapped = _Snapped(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
-    order = np.argsort(snapped.triangle, kind="stable")  # stable: sub-triangles stay in fan order
-    snapped = _Snapped(*(field[order] for field in snapped))
+    fields: list[Any] = [np.concatenate(field) for field in zip(*parts, strict=True)]
+    order = np.argsort(fields[0], kind="stable")  # by triangle; stable: sub-triangles stay in fan order
+    snapped = _Snapped(*(field[order] for field in fields))
     return _records(snapped, height, width, cull, scissor), int(len(finite) - finite.sum())
 
 
