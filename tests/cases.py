@@ -56,7 +56,8 @@ def guard_band(rng: np.random.Generator) -> Case:
 def huge(rng: np.random.Generator) -> Case:
     """As far out as float32 can hold, and everything between."""
     scale = 10.0 ** rng.uniform(-3, 30, (40, 3, 1))
-    return soup(random_corners(rng, 40, 1) * np.concatenate([scale, scale, np.ones_like(scale), np.ones_like(scale)], axis=-1), (64, 65))
+    one = np.ones_like(scale)
+    return soup(random_corners(rng, 40, 1) * np.concatenate([scale, scale, one, one], axis=-1), (64, 65))
 
 
 def behind_camera(rng: np.random.Generator) -> Case:
@@ -114,6 +115,74 @@ def layers(rng: np.random.Generator) -> Case:
     return from_pixels(xy, z, (210, 330))
 
 
+def corner_of_huge(rng: np.random.Generator) -> Case:
+    """A small bbox at the screen's corners, cut from triangles as large as the guard band: edge values beyond int32."""
+    height, width = 100, 120
+    near = rng.uniform(2, 12, (60, 1, 2))
+    far = -(10.0 ** rng.uniform(3, 4.4, (60, 2, 2)))
+    far[:20, 0, 0] = near[:20, 0, 0] + 1  # 20 triangles only beyond the upper or lower border
+    xy = np.concatenate([near, far], axis=1)
+    mirrored = rng.integers(0, 2, (60, 1, 2)).astype(bool)
+    return from_pixels(np.where(mirrored, [width, height] - xy, xy), rng.uniform(0.1, 0.9, (60, 3)), (height, width))
+
+
+def on_planes(rng: np.random.Generator) -> Case:
+    """Vertices exactly on the clip planes beside others inside and outside, and the point without a place, (0, 0, 0, 0)."""
+    low, high = -(2**23 + 2**14) / 2**14, (2**23 - 1 - 2**14) / 2**14  # guard planes of 128 px; -y is to Y what x is to X
+    x, minus_y = rng.choice(
+        [low, high, 2 * low, 2 * high, -1, -0.5, 0, 0.25, 1], (2, 160, 3), p=[0.08] * 2 + [0.02] * 2 + [0.16] * 5
+    )
+    z = rng.choice([-1, -1.5, -0.5, 0, 0.75, 1, 4, 5], (160, 3), p=[0.3, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
+    corners = np.stack([x, -minus_y, z, np.ones_like(x)], axis=-1) * rng.choice([0.5, 1, 2], (160, 3, 1))
+    corners[::9, 1] = 0
+    return soup(corners, (128, 128))
+
+
+def half_subpixels(rng: np.random.Generator) -> Case:
+    """Vertices halfway between points of the sub-pixel grid: rounded half to even, on both sides of the screen's middle."""
+    return from_pixels(
+        rng.integers(-40, 300, (150, 3, 2)) / 2 + rng.choice([-1, 1, 3], (150, 3, 2)) / 512,
+        rng.uniform(0.1, 0.9, (150, 3)),
+        (128, 128),
+    )
+
+
+def degenerate(rng: np.random.Generator) -> Case:
+    """No area, by a vertex named twice or three on a line, between triangles that have some."""
+    a, step = rng.integers(0, 60, (2, 90, 2))
+    middle = np.where(rng.integers(0, 2, (90, 1)).astype(bool), a, a + step)
+    c = np.where(np.arange(90)[:, None] % 3 == 0, rng.integers(0, 128, (90, 2)), a + 2 * step)
+    return from_pixels(np.stack([a, middle, c], axis=1), rng.uniform(0.1, 0.9, (90, 3)), (128, 128))
+
+
+def ties_at_bounds(rng: np.random.Generator) -> Case:
+    """Flat triangles at few depths, 1 and the next float32 among them: what fills the screen comes last and hides no equal."""
+    centre = rng.uniform(0, 192, (120, 1, 2))
+    xy = centre + rng.normal(0, 1, (120, 3, 2)) * 10.0 ** rng.uniform(0.3, 2, (120, 1, 1))
+    z = rng.choice([0.25, 0.5, 1, 1 + 2.0**-23], (120, 1))
+    xy[100:] = [[-10, -10], [600, -10], [-10, 600]]
+    z[100:] = rng.choice([0.5, 1], (20, 1))
+    # The nearest depth is left to the left half, so that every other is seen somewhere.
+    xy[(z < 0.5).all(axis=1), :, 0] *= 0.3
+    xy[(z == 0.5).all(axis=1) & (np.arange(120) >= 100), 1, 0] = 130
+    return from_pixels(xy, np.broadcast_to(z, (120, 3)), (192, 192))
+
+
+def crossings(rng: np.random.Generator) -> Case:
+    """Steep planes across the whole screen that cross: many tiles and bins in which a plane shows at one corner only."""
+    xy = np.tile(np.array([[-40.0, -40.0], [1100.0, -40.0], [-40.0, 1100.0]]), (14, 1, 1)) + rng.uniform(0, 30, (14, 3, 2))
+    slope = rng.uniform(-1, 1, (14, 1, 2)) / 1200
+    z = 0.45 + (slope * (xy - rng.uniform(100, 400, (14, 1, 2)))).sum(axis=-1) + 0.03 * rng.uniform(0, 1, (14, 1))
+    return from_pixels(xy, np.clip(z, 0.001, 0.999), (512, 512))
+
+
+def crowded(rng: np.random.Generator) -> Case:
+    """More large triangles in a bin than are drawn together, thin and far ones among them."""
+    corners = random_corners(rng, 260, 1.5)
+    corners[::4, 2, :2] = corners[::4, 1, :2] + rng.normal(0, 0.002, (65, 2))
+    return soup(corners, (140, 150))
+
+
 def not_finite(rng: np.random.Generator) -> Case:
     corners = random_corners(rng, 40, 1)
     corners[::5, 1, rng.integers(0, 4)] = np.nan
@@ -154,6 +223,13 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
         on_bins,
         equal_depth,
         layers,
+        corner_of_huge,
+        on_planes,
+        half_subpixels,
+        degenerate,
+        ties_at_bounds,
+        crossings,
+        crowded,
         not_finite,
         inside_sphere,
     )

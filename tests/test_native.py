@@ -8,7 +8,7 @@ import torch
 from cases import CASES, Case
 
 import bigtri
-from bigtri import native, verify
+from bigtri import native, stages, verify
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 
@@ -31,6 +31,14 @@ def make(name: str, seed: int = 0) -> Case:
     return CASES[name](np.random.default_rng([seed, *name.encode()]))
 
 
+def assert_same_image(expected: np.ndarray, got: np.ndarray) -> None:
+    """As ``verify.compare`` says it, for images that come from elsewhere."""
+    if (index := verify.first_difference(expected, got)) is not None:
+        y, x = index
+        place = f"bin {(x // 64, y // 64)}, tile {(x % 64 // 8, y % 64 // 8)}, pixel {(x, y)}"
+        pytest.fail(f"stage rasterize, packed, {place}: expected {expected[index]:#018x}, got {got[index]:#018x}")
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_every_stage_has_the_reference_bits(name, isa):
     case = make(name)
@@ -51,11 +59,13 @@ def test_threads_and_instruction_sets_change_no_bit(name, isa, threads):
     expected = bigtri.rasterize(*case, backend="reference")
     for _ in range(3):
         got = bigtri.rasterize(*case, backend="native")
-        assert verify.same_bits(expected.packed, got.packed).all()
+        assert_same_image(expected.packed, got.packed)
 
 
 @pytest.mark.parametrize("scissor", [(0, 0, 100, 100), (33, 17, 130, 90), (64, 64, 128, 128), (50, 50, 51, 51), (70, 20, 70, 90)])
 def test_scissor_is_a_crop(scissor, isa):
+    for name in ("screen_size", "many_small", "corner_of_huge", "slivers"):
+        assert (difference := verify.compare(*make(name), scissor=scissor)) is None, str(difference)
     case = make("screen_size")
     whole = bigtri.rasterize(*case, backend="reference").packed
     x0, y0, x1, y1 = scissor
@@ -73,7 +83,7 @@ def test_nothing_is_written_outside_the_image(isa):
     memory = torch.full((3, 63, 63), 0x5555, dtype=torch.int64)
     positions, triangles = torch.from_numpy(case.positions), torch.from_numpy(case.triangles)
     bigtri.rasterize(positions, triangles, case.resolution, backend="native", out=memory[1])
-    assert np.array_equal(memory[1].numpy(), expected)
+    assert_same_image(expected, memory[1].numpy())
     assert (memory[0] == 0x5555).all() and (memory[2] == 0x5555).all()
 
 
@@ -87,7 +97,20 @@ def test_many_passes():
     positions = corners.reshape(-1, 4).astype(np.float32)
     triangles = np.arange(len(positions), dtype=np.int32).reshape(-1, 3)
     a, b = (bigtri.rasterize(positions, triangles, (70, 130), backend=backend) for backend in ("reference", "native"))
-    assert np.array_equal(a.packed, b.packed)
+    assert_same_image(a.packed, b.packed)
+
+
+@pytest.mark.parametrize("values", [(0, 1e-45), (-0.0, 1e-45, 1e-42), (0, -0.0), (1e-38, 3e-39)])
+def test_depths_that_vanish(values, isa):
+    """Sums below the smallest float32 round to -0, whose bits would be the farthest of all: depth is never -0."""
+    case = make("screen_size")
+    records, _ = stages.setup(*case[:2], *case.resolution, backend="reference")
+    records = records._replace(z=np.random.default_rng(1).choice(np.array(values, np.float32), records.z.shape))
+    spans = stages.scanline(records, np.zeros((0, 3), np.int32), np.zeros(0, np.int64), np.arange(len(records.z), dtype=np.int32))
+    expected, got = (stages.depth(records, spans, backend=backend) for backend in ("reference", "native"))
+    assert not np.signbit(expected).any()
+    wrong = np.flatnonzero(~verify.same_bits(expected, got))
+    assert not len(wrong), f"stage depth, fragment {wrong[0]}: expected {expected[wrong[0]]}, got {got[wrong[0]]}"
 
 
 def test_flush_to_zero_of_the_caller_changes_nothing():
@@ -104,7 +127,7 @@ def test_flush_to_zero_of_the_caller_changes_nothing():
         got = bigtri.rasterize(positions, triangles, (33, 40), backend="native")
     finally:
         torch.set_flush_denormal(False)
-    assert np.array_equal(expected.packed, got.packed)
+    assert_same_image(expected.packed, got.packed)
 
 
 def test_a_difference_is_named(monkeypatch):
@@ -131,9 +154,12 @@ def test_a_difference_is_named(monkeypatch):
 
     places = {"binning": ("bin",), "tile_mask": ("bin", "tile")}
     pixel = ("bin", "tile", "pixel")
-    for op, output in [("setup", k) for k in range(10)] + [("binning", k) for k in range(2)] + [("tile_mask", 0), ("tile_mask", 1)] + [
-        (op, 0) for op in ("scanline", "depth", "visibility", "rasterize", "barycentrics")
-    ]:
+    for op, output in (
+        [("setup", k) for k in range(10)]
+        + [("binning", k) for k in range(2)]
+        + [("tile_mask", 0), ("tile_mask", 1)]
+        + [(op, 0) for op in ("scanline", "depth", "visibility", "rasterize", "barycentrics")]
+    ):
         monkeypatch.setattr(torch.ops, "bigtri", Flipped(op, output, bit=0), raising=False)
         found = verify.compare(*case, threshold=64)
         assert found is not None, (op, output)
