@@ -59,6 +59,22 @@ def using_isa(name: str) -> Iterator[None]:
         set_isa(before)
 
 
+@contextmanager
+def batch_limits(records: int, candidates: int) -> Iterator[None]:
+    """Let a batch hold no more than this for the length of a with block, in the whole process: more batches, less memory, same bits.
+
+    Args:
+        records: (sub)triangles set up at once, >= 1; 96 bytes each.
+        candidates: bins that their bounding boxes touch, >= 1; 12 bytes each.
+    """
+    before = torch.ops.bigtri.batch_limits()
+    torch.ops.bigtri.set_batch_limits(records, candidates)
+    try:
+        yield
+    finally:
+        torch.ops.bigtri.set_batch_limits(*before)
+
+
 def _new_size() -> torch.SymInt:
     """A number of rows that only the data decides."""
     return torch.library.get_ctx().new_dynamic_size(min=0)

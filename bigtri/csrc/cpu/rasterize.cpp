@@ -12,11 +12,10 @@
 namespace bigtri {
 namespace {
 
-// Per batch: at most this many record slots (96 B each, touched only where used) and candidate bins (8 B for the pair, 4 B for the list entry).
-constexpr int64_t kMaxRecords = 1 << 18;
-constexpr int64_t kMaxCandidates = 1 << 23;
 constexpr int64_t kMaxChunk = 4096;  // triangles; even if all are clipped to the most sub-triangles, one chunk fits a batch
-static_assert(kMaxChunk * kMaxSubTriangles <= kMaxRecords, "a chunk fits a batch");
+static_assert(kMaxChunk * kMaxSubTriangles <= BatchLimits{}.records, "a chunk fits a batch");
+
+std::atomic<int64_t> max_records{BatchLimits{}.records}, max_candidates{BatchLimits{}.candidates};
 
 template <class T>
 std::unique_ptr<T[]> allocate(int64_t n) {  // not initialised
@@ -56,9 +55,10 @@ class Frame {
   // Draws the records of the slots [0, count) that have candidates, in as many passes as their bins need.
   void draw(const Record* records, const uint32_t* candidates, int64_t count) {
     job_.records = records;
+    const int64_t limit = max_candidates.load(std::memory_order_relaxed);
     for (int64_t begin = 0; begin < count;) {
       int64_t end = begin, total = 0;
-      while (end < count && (total == 0 || total + candidates[end] <= kMaxCandidates)) total += candidates[end++];
+      while (end < count && (total == 0 || total + candidates[end] <= limit)) total += candidates[end++];
       if (total) pass(candidates, begin, end, total);
       begin = end;
     }
@@ -136,6 +136,13 @@ class Frame {
 
 }  // namespace
 
+BatchLimits batch_limits() { return {max_records.load(std::memory_order_relaxed), max_candidates.load(std::memory_order_relaxed)}; }
+
+void set_batch_limits(const BatchLimits& limits) {
+  max_records.store(limits.records, std::memory_order_relaxed);
+  max_candidates.store(limits.candidates, std::memory_order_relaxed);
+}
+
 void index_range(const Parallel& parallel, const int32_t* indices, int64_t count, int64_t* lowest, int64_t* highest) {
   const int64_t chunks = std::min<int64_t>(parallel.threads, count / 65536 + 1);
   std::vector<int32_t> low(chunks, INT32_MAX), high(chunks, INT32_MIN);
@@ -167,7 +174,8 @@ int64_t rasterize(const Kernels& kernels, const Parallel& parallel, const Mesh& 
   });
 
   const SetupJob job = {mesh.positions, mesh.triangles, vertices.get(), mesh.lowest, view};
-  const int64_t chunk_size = std::clamp<int64_t>(mesh.count / (8 * parallel.threads), 64, kMaxChunk);
+  const int64_t limit = max_records.load(std::memory_order_relaxed);
+  const int64_t chunk_size = std::min(limit, std::clamp<int64_t>(mesh.count / (8 * parallel.threads), 64, kMaxChunk));
   const int64_t chunk_count = (mesh.count + chunk_size - 1) / chunk_size;
   std::vector<Chunk> chunks(chunk_count);
   parallel(chunk_count, [&](int64_t c) {
@@ -178,7 +186,7 @@ int64_t rasterize(const Kernels& kernels, const Parallel& parallel, const Mesh& 
 
   for (int64_t first = 0; first < chunk_count;) {
     int64_t last = first, slots = 0;
-    while (last < chunk_count && (last == first || slots + chunks[last].slots <= kMaxRecords)) {
+    while (last < chunk_count && (last == first || slots + chunks[last].slots <= limit)) {
       chunks[last].slot = slots;
       slots += chunks[last++].slots;
     }

@@ -11,6 +11,14 @@ const Kernels* find_kernels(const char* name);
 const Kernels& current_kernels();
 void use_kernels(const Kernels& kernels);
 
+// How much a batch may hold at once: what bounds the memory. More only takes more batches; one chunk of triangles and one record always go through.
+struct BatchLimits {
+  int64_t records = 1 << 18;     // record slots, 96 B each, touched only where used
+  int64_t candidates = 1 << 23;  // bins that the records' bboxes touch: 8 B for the pair, 4 B for the list entry
+};
+BatchLimits batch_limits();
+void set_batch_limits(const BatchLimits& limits);
+
 struct Mesh {
   const float* positions;    // [V, 4], clip space
   int64_t vertices;

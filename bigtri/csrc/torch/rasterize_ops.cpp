@@ -36,6 +36,13 @@ void set_isa(std::string name) {
   use_kernels(*kernels);
 }
 
+std::tuple<int64_t, int64_t> batch_limits_op() { return {batch_limits().records, batch_limits().candidates}; }
+
+void set_batch_limits_op(int64_t records, int64_t candidates) {
+  STD_TORCH_CHECK(records >= 1 && candidates >= 1, "bigtri::set_batch_limits: records and candidates must be at least 1, got ", records, " and ", candidates);
+  set_batch_limits({records, candidates});
+}
+
 }  // namespace
 }  // namespace bigtri
 
@@ -46,6 +53,8 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
   m.def("has_isa(str name) -> bool");
   m.def("isa() -> str");
   m.def("set_isa(str name) -> ()");
+  m.def("batch_limits() -> (int, int)");
+  m.def("set_batch_limits(int records, int candidates) -> ()");
   // The stages, as in docs/architecture.md.
   m.def(
       "setup(Tensor positions, Tensor triangles, int height, int width, str cull, int[] scissor) -> (Tensor triangle, Tensor xy, Tensor z, Tensor area, "
@@ -69,4 +78,6 @@ STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
   m.impl("has_isa", TORCH_BOX(&bigtri::has_isa));
   m.impl("isa", TORCH_BOX(&bigtri::isa));
   m.impl("set_isa", TORCH_BOX(&bigtri::set_isa));
+  m.impl("batch_limits", TORCH_BOX(&bigtri::batch_limits_op));
+  m.impl("set_batch_limits", TORCH_BOX(&bigtri::set_batch_limits_op));
 }
