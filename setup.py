@@ -11,7 +11,19 @@ CSRC = Path("bigtri/csrc")
 TARGET_TORCH = "0x020a000000000000"  # torch 2.10
 
 # Without -ffp-contract=off a compiler may fuse a * b + c, and the bits would differ (docs/numerics.md 1).
-FLAGS = ["-std=c++17", "-O3", "-ffp-contract=off", "-fvisibility=hidden", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Wno-unused-function", "-Wno-psabi", "-Wno-maybe-uninitialized"]
+FLAGS = [
+    "-std=c++17",
+    "-O3",
+    "-ffp-contract=off",
+    "-fvisibility=hidden",
+    "-pthread",
+    "-Wall",
+    "-Wextra",
+    "-Wno-unused-parameter",
+    "-Wno-unused-function",
+    "-Wno-psabi",
+    "-Wno-maybe-uninitialized",
+]
 
 
 def sources() -> list[str]:
