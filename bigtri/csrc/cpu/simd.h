@@ -29,7 +29,6 @@ constexpr float kInfinity = __builtin_inff();
 constexpr f64x8 kLane = {0, 1, 2, 3, 4, 5, 6, 7};
 constexpr i32x16 kLaneX = {0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7};   // column within the tile
 constexpr i32x16 kLaneY = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1};   // row within a pair of rows
-constexpr i64x8 kLaneBit = {1, 2, 4, 8, 16, 32, 64, 128};
 
 // Bit i: lane i is negative.
 BIGTRI_INLINE uint32_t sign_mask(i32x16 v) {
@@ -76,13 +75,27 @@ BIGTRI_INLINE i64x8 pack(f32x8 z, uint64_t triangle) {
 #endif
 }
 
+#if BIGTRI_SIMD >= 256
+BIGTRI_INLINE __m256i low_half(i64x8 v) { return (__m256i)__builtin_shufflevector(v, v, 0, 1, 2, 3); }
+BIGTRI_INLINE __m256i high_half(i64x8 v) { return (__m256i)__builtin_shufflevector(v, v, 4, 5, 6, 7); }
+
+BIGTRI_INLINE void keep_nearest(int64_t* pixels, __m256i packed, __m256i wanted) {
+  const __m256i old = _mm256_loadu_si256((const __m256i*)pixels);
+  const __m256i nearer = _mm256_and_si256(_mm256_cmpgt_epi64(old, packed), wanted);
+  _mm256_storeu_si256((__m256i*)pixels, _mm256_blendv_epi8(old, packed, nearer));
+}
+#endif
+
 // pixels[i] = min(pixels[i], packed[i]) for all eight, or where bit i is set.
 BIGTRI_INLINE void keep_nearest(int64_t* pixels, i64x8 packed) {
 #if BIGTRI_SIMD >= 512
   _mm512_storeu_si512(pixels, _mm512_min_epi64(_mm512_loadu_si512(pixels), (__m512i)packed));
+#elif BIGTRI_SIMD >= 256
+  const __m256i all = _mm256_set1_epi64x(-1);
+  keep_nearest(pixels, low_half(packed), all);
+  keep_nearest(pixels + 4, high_half(packed), all);
 #else
-  const i64x8 old = *(const i64x8u*)pixels;
-  *(i64x8u*)pixels = packed < old ? packed : old;
+  for (int i = 0; i < 8; ++i) pixels[i] = packed[i] < pixels[i] ? packed[i] : pixels[i];
 #endif
 }
 
@@ -90,9 +103,13 @@ BIGTRI_INLINE void keep_nearest(int64_t* pixels, i64x8 packed, uint32_t bits) {
 #if BIGTRI_SIMD >= 512
   const __m512i old = _mm512_loadu_si512(pixels);
   _mm512_storeu_si512(pixels, _mm512_mask_min_epi64(old, (__mmask8)bits, old, (__m512i)packed));
+#elif BIGTRI_SIMD >= 256
+  const __m256i all = _mm256_set1_epi64x((int64_t)bits), low = _mm256_setr_epi64x(1, 2, 4, 8), high = _mm256_setr_epi64x(16, 32, 64, 128);
+  keep_nearest(pixels, low_half(packed), _mm256_cmpeq_epi64(_mm256_and_si256(all, low), low));
+  keep_nearest(pixels + 4, high_half(packed), _mm256_cmpeq_epi64(_mm256_and_si256(all, high), high));
 #else
-  const i64x8 old = *(const i64x8u*)pixels;
-  *(i64x8u*)pixels = ((packed < old) & (((int64_t)bits & kLaneBit) != 0)) ? packed : old;
+  for (int i = 0; i < 8; ++i)
+    if ((bits >> i & 1) && packed[i] < pixels[i]) pixels[i] = packed[i];
 #endif
 }
 
@@ -118,8 +135,8 @@ BIGTRI_INLINE void stream(int64_t* to, i64x8 v) {
 #if BIGTRI_SIMD >= 512
   _mm512_stream_si512((__m512i*)to, (__m512i)v);
 #elif BIGTRI_SIMD >= 256
-  _mm256_stream_si256((__m256i*)to, (__m256i)__builtin_shufflevector(v, v, 0, 1, 2, 3));
-  _mm256_stream_si256((__m256i*)(to + 4), (__m256i)__builtin_shufflevector(v, v, 4, 5, 6, 7));
+  _mm256_stream_si256((__m256i*)to, low_half(v));
+  _mm256_stream_si256((__m256i*)(to + 4), high_half(v));
 #else
   *(i64x8*)to = v;
 #endif
