@@ -61,7 +61,7 @@ def using_isa(name: str) -> Iterator[None]:
 
 @contextmanager
 def batch_limits(records: int, candidates: int) -> Iterator[None]:
-    """Let a batch hold no more than this for the length of a with block, in the whole process: more batches, less memory, same bits.
+    """Let a batch hold no more than this for the length of a with block, in the whole process: more batches, the same bits.
 
     Args:
         records: (sub)triangles set up at once, >= 1; 96 bytes each.
