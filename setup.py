@@ -22,7 +22,7 @@ FLAGS = [
     "-Wno-unused-parameter",
     "-Wno-unused-function",
     "-Wno-psabi",
-    "-Wno-maybe-uninitialized",
+    "-Wno-maybe-uninitialized", "-Wno-uninitialized",
 ]
 
 

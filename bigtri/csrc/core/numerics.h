@@ -14,6 +14,7 @@ constexpr int kMaxSize = 16384;                // px
 constexpr int64_t kLargeThreshold = 4000;      // px of bbox; not above: the direct path
 constexpr int64_t kThinRatio = 32;             // numerics.md 7
 constexpr int64_t kBackground = INT64_MAX;
+constexpr float kInfinity = __builtin_inff();
 
 enum Cull : int { kCullNone = 0, kCullBack = 1, kCullFront = 2 };
 

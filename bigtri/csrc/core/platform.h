@@ -1,6 +1,7 @@
 // What the core needs to know of the compiler: functions for host and device, and nothing else.
 #pragma once
 
+#include <stddef.h>
 #include <stdint.h>
 
 #if defined(__CUDACC__)
@@ -30,6 +31,14 @@ BIGTRI_HD uint32_t float_bits(float v) {
   } x;
   x.f = v;
   return x.u;
+}
+BIGTRI_HD float bits_float(uint32_t v) {
+  union {
+    float f;
+    uint32_t u;
+  } x;
+  x.u = v;
+  return x.f;
 }
 BIGTRI_HD uint64_t double_bits(double v) {
   union {

@@ -24,26 +24,25 @@ bool load_parent(const AttributeJob& job, int64_t triangle, Parent* parent) {
 void interpolate_eight(const AttributeJob& job, const Parent& parent, int record, int64_t triangle, int64_t x, int64_t y, int n, float* out) {
   const Primitive& p = parent.primitive[record];
   f64x8 e[3], b[3];
-  i64x8 inside = (i64x8){} - 1;
+  bool covered[8] = {true, true, true, true, true, true, true, true};
   for (int k = 0; k < 3; ++k) {
     const Edge edge = edge_of(p.x, p.y, k);
-    e[k] = edge_at(p, k, x, y) + kLane * (double)(-kSubpixel * edge.dy);  // integers below 2^53: exact
-    inside &= (i64x8)(e[k] + (double)edge_bias(edge) >= 0.0);
+    e[k] = edge_at(p, k, x, y) + load<f64x8>(kLaneDouble) * (double)(-kSubpixel * edge.dy);  // integers below 2^53: exact
+    const double least = -(double)edge_bias(edge);
+    for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= least;
   }
   barycentrics(parent, record, e, b);
-  const i32x8 covered = __builtin_convertvector(inside, i32x8);
   const f32x8 weight[3] = {to_float(b[0]), to_float(b[1]), to_float(b[2])};
   const float* source[3] = {};
   for (int k = 0; k < 3; ++k)
     if (job.attributes) source[k] = job.attributes + job.channels * job.triangles[3 * triangle + corner_of(parent, record, k)];
   for (int64_t c = 0; c < job.channels; ++c) {
-    f32x8 v = {};
+    f32x8 v = weight[0];
     if (job.attributes)
       v = interpolate(weight, source[0][c], source[1][c], source[2][c]);
     else
       for (int k = 0; k < 3; ++k) v = corner_of(parent, record, k) == c ? weight[k] : v;
-    v = covered ? v : (f32x8){};
-    for (int i = 0; i < n; ++i) out[i * job.channels + c] = v[i];
+    for (int i = 0; i < n; ++i) out[i * job.channels + c] = covered[i] ? v[i] : 0.0f;
   }
 }
 

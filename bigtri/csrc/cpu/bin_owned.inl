@@ -42,12 +42,11 @@ BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels)
   const NarrowEdge edge[3] = {l.edge[0], l.edge[1], l.edge[2]};
   i32x16 offset[3];
   for (int k = 0; k < 3; ++k) offset[k] = lanes(0, edge[k].sx, edge[k].sy);
-  const i32x8 below = {0, kBin, 2 * kBin, 3 * kBin, 4 * kBin, 5 * kBin, 6 * kBin, 7 * kBin};
   uint32_t rows[kBin * kBin / 8 + 8];
   int count = 0;
   for (; visible; visible &= visible - 1) {
     const int t = __builtin_ctzll(visible);
-    count = append_rows(tile_coverage(edge, offset, t % 8, t / 8), below + (t / 8 * kTile * kBin + t % 8 * kTile), rows, count);
+    count = append_rows(tile_coverage(edge, offset, t % 8, t / 8), t / 8 * kTile * kBin + t % 8 * kTile, rows, count);
   }
   for (int i = 0; i < count; ++i) {
     const int at = (int)(rows[i] >> 8);
@@ -90,9 +89,7 @@ void draw_block(Scratch* s, int count, float bin_far) {
     for (uint64_t rest = visible & bounded; rest;) {
       const int row = __builtin_ctzll(rest) / 8;
       const f32x8 z = tile_corner_depths(l.depth, row, false);
-      const f32x8 bound = *(const f32x8u*)(s->tile_far + 8 * row);
-      const i32x8 hidden = z > bound;
-      for (int c = 0; c < 8; ++c) visible &= ~((uint64_t)(hidden[c] & 1) << (8 * row + c));
+      visible &= ~((uint64_t)greater_mask(z, load<f32x8>(s->tile_far + 8 * row)) << (8 * row));
       rest &= ~(0xffull << (8 * row));
     }
     if (visible) draw_large(l, visible, s->pixels);
@@ -106,7 +103,7 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
   const int x0 = max_of(r.x0 - left, 0), y0 = max_of(r.y0 - top, 0), x1 = min_of(r.x1 - left, kBin), y1 = min_of(r.y1 - top, kBin);
   i32x8 row[3];
   int32_t sx[3], sy[3];
-  const i32x8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
+  const i32x8 lane = load<i32x8>(kLaneInt);
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(r.x, r.y, k);
     sx[k] = (int32_t)-e.dy;
@@ -120,7 +117,7 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
       const uint32_t bits = sign_mask(outside) ^ 0xff;
       if (bits) keep_nearest(pixels + y * kBin + x, packed_of<kFar>(d, row_depth<kThin>(d, x, y)), bits);
     }
-    for (int k = 0; k < 3; ++k) row[k] += sy[k];
+    for (int k = 0; k < 3; ++k) row[k] = row[k] + sy[k];
   }
 }
 
@@ -190,7 +187,7 @@ void raster_bin(const RasterJob& job, int bin, void* memory) {
     if (job.first_pass) store_background(job, patch);
     return;
   }
-  for (int i = 0; i < kBin * kBin; i += 8) *(i64x8*)(s->pixels + i) = (i64x8){} + kBackground;
+  for (int i = 0; i < kBin * kBin; i += 8) store(s->pixels + i, splat<i64x8>(kBackground));
   if (!job.first_pass) load_bin(job, patch, s->pixels);
   draw_list(job, list, end, bin_x, bin_y, s);
   apply_scissor(job.view, patch, s->pixels);

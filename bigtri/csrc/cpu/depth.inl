@@ -47,8 +47,8 @@ struct PlaneTable {
 
 BIGTRI_INLINE void plane_table(const CellDepth& d, PlaneTable* t) {
   for (int i = 0; i < kBin; i += 8) {
-    const f64x8 at = kLane + (double)i;
-    *(f64x8u*)(t->row + i) = plane_row(d.zcell, d.dzdy, at);
+    const f64x8 at = load<f64x8>(kLaneDouble) + (double)i;
+    store(t->row + i, plane_row(d.zcell, d.dzdy, at));
     t->column[i / 8] = plane_column(d.dzdx, at);
   }
 }
@@ -56,7 +56,7 @@ BIGTRI_INLINE void plane_table(const CellDepth& d, PlaneTable* t) {
 // Depth of the pixels (i, j), i + 1, ... i + 7 of the cell, not yet rounded.
 template <bool kThin>
 BIGTRI_INLINE f64x8 row_depth(const CellDepth& d, int i, int j) {
-  const f64x8 x = kLane + (double)i;
+  const f64x8 x = load<f64x8>(kLaneDouble) + (double)i;
   if (!kThin) return plane_row<double>(d.zcell, d.dzdy, j) + plane_column(d.dzdx, x);
   const f64x8 g0 = (d.e[0] + d.ey[0] * j) + d.ex[0] * x, g1 = (d.e[1] + d.ey[1] * j) + d.ex[1] * x, g2 = (d.e[2] + d.ey[2] * j) + d.ex[2] * x;
   return weighted_depth<f64x8>(g0, g1, g2, d.z[0], d.z[1], d.z[2], d.area);
@@ -64,10 +64,11 @@ BIGTRI_INLINE f64x8 row_depth(const CellDepth& d, int i, int j) {
 
 template <bool kFar>
 BIGTRI_INLINE i64x8 packed_of(const CellDepth& d, f64x8 depth) {
-  const f32x8 z = clamp_depth(to_float(depth), splat(d.zmin), splat(d.zmax));
-  const i64x8 packed = pack(z, d.triangle);
-  if (!kFar) return packed;
-  return __builtin_convertvector(z > 1.0f, i64x8) ? (i64x8){} + kBackground : packed;
+  const f32x8 z = clamp_depth(to_float(depth), splat<f32x8>(d.zmin), splat<f32x8>(d.zmax));
+  if (!kFar) return pack(z, d.triangle);
+  int64_t packed[8];
+  for (int i = 0; i < 8; ++i) packed[i] = pack_fragment(z[i], d.triangle);
+  return load<i64x8>(packed);
 }
 
 // Eight pixels of the cell, from the table or (thin) from the edges.
@@ -87,10 +88,10 @@ BIGTRI_INLINE float farthest_depth(const CellDepth& d, int i, int j, int size) {
 
 // Corner depths of the eight tiles of a row.
 BIGTRI_INLINE f32x8 tile_corner_depths(const CellDepth& d, int row, bool farthest) {
-  if (d.thin) return splat(farthest ? d.zmax : d.zmin);
+  if (d.thin) return splat<f32x8>(farthest ? d.zmax : d.zmin);
   const int x = (d.dzdx < 0) != farthest ? kTile - 1 : 0, y = (d.dzdy < 0) != farthest ? kTile - 1 : 0;
-  const f64x8 z = plane_row<double>(d.zcell, d.dzdy, kTile * row + y) + plane_column(d.dzdx, kLane * (double)kTile + (double)x);
-  return clamp_depth(to_float(z), splat(d.zmin), splat(d.zmax));
+  const f64x8 z = plane_row<double>(d.zcell, d.dzdy, kTile * row + y) + plane_column(d.dzdx, load<f64x8>(kLaneDouble) * (double)kTile + (double)x);
+  return clamp_depth(to_float(z), splat<f32x8>(d.zmin), splat<f32x8>(d.zmax));
 }
 
 }  // namespace

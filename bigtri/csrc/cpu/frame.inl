@@ -32,24 +32,16 @@ void apply_scissor(const Viewport& v, const Patch& p, int64_t* pixels) {
 
 // Row j of a patch: the pixels given, or background where there are none.
 BIGTRI_INLINE void store_row(const RasterJob& job, const Patch& p, int j, const int64_t* row) {
-  const i64x8 background = (i64x8){} + kBackground;
+  const i64x8 background = splat<i64x8>(kBackground);
   const int64_t at = (int64_t)(p.y + j) * job.view.width + p.x;
   int64_t* to = job.packed + at;
   if (p.width == kBin && ((uintptr_t)to & 63) == 0)
-    for (int i = 0; i < kBin; i += 8) stream(to + i, row ? *(const i64x8*)(row + i) : background);
+    for (int i = 0; i < kBin; i += 8) stream(to + i, row ? load<i64x8>(row + i) : background);
   else
     for (int i = 0; i < p.width; ++i) to[i] = row ? row[i] : kBackground;
   if (!job.depth) return;
   float* depth = job.depth + at;
-  for (int i = 0; i < p.width; i += 8) {
-    const i32x8 bits = row ? __builtin_convertvector(*(const i64x8*)(row + i) >> 32, i32x8) : (i32x8){} + 0x7fffffff;
-    const f32x8 z = (bits == 0x7fffffff) ? splat(kInfinity) : (f32x8)bits;
-    const int n = p.width - i;
-    if (n >= 8)
-      *(f32x8u*)(depth + i) = z;
-    else
-      for (int k = 0; k < n; ++k) depth[i + k] = z[k];
-  }
+  for (int i = 0; i < p.width; ++i) depth[i] = row ? depth_of(row[i]) : kInfinity;
 }
 
 void store_bin(const RasterJob& job, const Patch& p, const int64_t* pixels) {

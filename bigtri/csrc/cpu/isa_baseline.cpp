@@ -1,4 +1,4 @@
-#define BIGTRI_SIMD 0
+#define BIGTRI_SIMD 128
 #include "kernel_table.inl"
 
 namespace bigtri {

@@ -1,4 +1,4 @@
-// Everything that one instruction set's build offers. The including file sets the target and BIGTRI_SIMD, the width of its vectors in bits (0: no particular one).
+// Everything that one instruction set's build offers. The including file sets the target and BIGTRI_SIMD, the width of its vectors in bits.
 #pragma once
 
 #include "attributes.inl"

@@ -1,144 +1,216 @@
-// Eight pixels of a row, or sixteen of two rows, as compiler vectors. gcc and clang lower them to whatever the translation unit's target has, element by
-// element the same IEEE operations. Where that lowering falls short, a few functions spell it out for BIGTRI_SIMD = 256 (AVX2) or 512 (AVX-512), which the including file
-// defines: a target pragma does not define __AVX2__ and the like.
+// Eight pixels of a row, or sixteen of two rows: as many of the machine's own vectors as it takes, element by element the same IEEE operations. The including file defines
+// BIGTRI_SIMD, the width of a vector in bits: 512 (AVX-512), 256 (AVX2) or 128 (what every machine has; also for compilers for other processors).
+// A target pragma does not define __AVX2__ and the like, hence a macro of our own.
 #pragma once
 
-#include <stdint.h>
-
-#if defined(__x86_64__)
+#if BIGTRI_SIMD > 128
 #include <immintrin.h>
 #endif
 
-namespace bigtri {
+#include "../core/numerics.h"
 
-typedef int32_t i32x8 __attribute__((vector_size(32)));
-typedef int32_t i32x16 __attribute__((vector_size(64)));
-typedef uint32_t u32x8 __attribute__((vector_size(32)));
-typedef int64_t i64x8 __attribute__((vector_size(64)));
-typedef uint64_t u64x8 __attribute__((vector_size(64)));
-typedef float f32x8 __attribute__((vector_size(32)));
-typedef double f64x8 __attribute__((vector_size(64)));
-// The same without an alignment demand, for rows that start anywhere.
-typedef int64_t i64x8u __attribute__((vector_size(64), aligned(8)));
-typedef double f64x8u __attribute__((vector_size(64), aligned(8)));
-typedef float f32x8u __attribute__((vector_size(32), aligned(4)));
+namespace bigtri {
 
 #define BIGTRI_INLINE static inline __attribute__((always_inline))
 
-constexpr float kInfinity = __builtin_inff();
-constexpr f64x8 kLane = {0, 1, 2, 3, 4, 5, 6, 7};
-constexpr i32x16 kLaneX = {0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7};   // column within the tile
-constexpr i32x16 kLaneY = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1};   // row within a pair of rows
+template <class T, int N>
+struct Lanes {
+  static constexpr int kWidth = N * (int)sizeof(T) * 8 < BIGTRI_SIMD ? N : BIGTRI_SIMD / 8 / (int)sizeof(T);  // elements of one machine vector
+  static constexpr int kParts = N / kWidth;
+  typedef T Vector __attribute__((vector_size(kWidth * sizeof(T))));
+  Vector part[kParts];
 
-// Bit i: lane i is negative.
-BIGTRI_INLINE uint32_t sign_mask(i32x16 v) {
+  T operator[](int i) const { return part[i / kWidth][i % kWidth]; }
+};
+
+using i32x8 = Lanes<int32_t, 8>;
+using i32x16 = Lanes<int32_t, 16>;
+using i64x8 = Lanes<int64_t, 8>;
+using f32x8 = Lanes<float, 8>;
+using f64x8 = Lanes<double, 8>;
+
+// All elements v. The subtraction keeps -0 and costs nothing.
+template <class L, class T>
+BIGTRI_INLINE L splat(T v) {
+  L r;
+  for (int i = 0; i < L::kParts; ++i) r.part[i] = v - typename L::Vector{};
+  return r;
+}
+
+template <class L, class T>
+BIGTRI_INLINE L load(const T* from) {
+  L r;
+  __builtin_memcpy(&r, from, sizeof r);
+  return r;
+}
+
+template <class T, int N>
+BIGTRI_INLINE void store(T* to, const Lanes<T, N>& v) {
+  __builtin_memcpy(to, &v, sizeof v);
+}
+
+#define BIGTRI_OPERATOR(OP)                                                         \
+  template <class T, int N>                                                         \
+  BIGTRI_INLINE Lanes<T, N> operator OP(const Lanes<T, N>& a, const Lanes<T, N>& b) { \
+    Lanes<T, N> r;                                                                  \
+    for (int i = 0; i < r.kParts; ++i) r.part[i] = a.part[i] OP b.part[i];          \
+    return r;                                                                       \
+  }                                                                                 \
+  template <class T, int N>                                                         \
+  BIGTRI_INLINE Lanes<T, N> operator OP(const Lanes<T, N>& a, T b) {                \
+    return a OP splat<Lanes<T, N>>(b);                                              \
+  }                                                                                 \
+  template <class T, int N>                                                         \
+  BIGTRI_INLINE Lanes<T, N> operator OP(T a, const Lanes<T, N>& b) {                \
+    return splat<Lanes<T, N>>(a) OP b;                                              \
+  }
+BIGTRI_OPERATOR(+)
+BIGTRI_OPERATOR(-)
+BIGTRI_OPERATOR(*)
+BIGTRI_OPERATOR(/)
+BIGTRI_OPERATOR(|)
+#undef BIGTRI_OPERATOR
+
+alignas(64) constexpr double kLaneDouble[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+alignas(64) constexpr int32_t kLaneInt[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+alignas(64) constexpr int32_t kLaneX[16] = {0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7};  // column within the tile
+alignas(64) constexpr int32_t kLaneY[16] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1};  // row within a pair of rows
+
+// Bit i: element i is negative.
+template <int N>
+BIGTRI_INLINE uint32_t sign_mask(const Lanes<int32_t, N>& v) {
+  uint32_t mask = 0;
+  for (int i = 0; i < v.kParts; ++i) {
+    uint32_t some = 0;
 #if BIGTRI_SIMD >= 512
-  return _mm512_movepi32_mask((__m512i)v);
+    if constexpr (v.kWidth == 16)
+      some = _mm512_movepi32_mask((__m512i)v.part[i]);
+    else
+      some = (uint32_t)_mm256_movemask_ps((__m256)v.part[i]);
 #elif BIGTRI_SIMD >= 256
-  const uint32_t low = _mm256_movemask_ps((__m256)__builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7));
-  const uint32_t high = _mm256_movemask_ps((__m256)__builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15));
-  return low | high << 8;
+    some = (uint32_t)_mm256_movemask_ps((__m256)v.part[i]);
 #else
-  uint32_t mask = 0;
-  for (int i = 0; i < 16; ++i) mask |= ((uint32_t)v[i] >> 31) << i;
-  return mask;
+    for (int k = 0; k < v.kWidth; ++k) some |= ((uint32_t)v.part[i][k] >> 31) << k;
 #endif
+    mask |= some << (i * v.kWidth);
+  }
+  return mask;
 }
 
-BIGTRI_INLINE uint32_t sign_mask(i32x8 v) {
+// Bit i: a[i] > b[i].
+BIGTRI_INLINE uint32_t greater_mask(const f32x8& a, const f32x8& b) {
 #if BIGTRI_SIMD >= 256
-  return (uint32_t)_mm256_movemask_ps((__m256)v);
+  return (uint32_t)_mm256_movemask_ps(_mm256_cmp_ps((__m256)a.part[0], (__m256)b.part[0], _CMP_GT_OQ));
 #else
   uint32_t mask = 0;
-  for (int i = 0; i < 8; ++i) mask |= ((uint32_t)v[i] >> 31) << i;
+  for (int i = 0; i < 8; ++i) mask |= (uint32_t)(a[i] > b[i]) << i;
   return mask;
 #endif
 }
 
-BIGTRI_INLINE f32x8 to_float(f64x8 v) { return __builtin_convertvector(v, f32x8); }
-BIGTRI_INLINE f32x8 splat(float v) { return (f32x8){v, v, v, v, v, v, v, v}; }
+BIGTRI_INLINE f32x8 to_float(const f64x8& v) {
+  f32x8 r;
+#if BIGTRI_SIMD >= 512
+  r.part[0] = (f32x8::Vector)_mm512_cvtpd_ps((__m512d)v.part[0]);
+#elif BIGTRI_SIMD >= 256
+  r.part[0] = (f32x8::Vector)_mm256_set_m128(_mm256_cvtpd_ps((__m256d)v.part[1]), _mm256_cvtpd_ps((__m256d)v.part[0]));
+#else
+  float f[8];
+  for (int i = 0; i < 8; ++i) f[i] = (float)v[i];
+  r = load<f32x8>(f);
+#endif
+  return r;
+}
 
 // min_of(max_of(f, low), high) + 0.0f, as finish_depth has it.
-BIGTRI_INLINE f32x8 clamp_depth(f32x8 f, f32x8 low, f32x8 high) {
-  f = f < low ? low : f;
-  f = high < f ? high : f;
+BIGTRI_INLINE f32x8 clamp_depth(f32x8 f, const f32x8& low, const f32x8& high) {
+  for (int i = 0; i < f.kParts; ++i) {
+    f.part[i] = f.part[i] < low.part[i] ? low.part[i] : f.part[i];
+    f.part[i] = high.part[i] < f.part[i] ? high.part[i] : f.part[i];
+  }
   return f + 0.0f;
 }
 
-// The high half from the depth, the low half from the triangle.
-BIGTRI_INLINE i64x8 pack(f32x8 z, uint64_t triangle) {
+// The high half of each from the depth, the low half from the triangle.
+BIGTRI_INLINE i64x8 pack(const f32x8& z, uint32_t triangle) {
+  i64x8 r;
 #if BIGTRI_SIMD >= 512
   const __m512i to_high = _mm512_setr_epi32(0, 0, 0, 1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 0, 7);
-  return (i64x8)_mm512_mask_permutexvar_epi32(_mm512_set1_epi64((int64_t)triangle), 0xaaaa, to_high, _mm512_castsi256_si512((__m256i)z));
-#else
-  return (i64x8)(__builtin_convertvector((u32x8)z, u64x8) << 32 | triangle);
-#endif
-}
-
-#if BIGTRI_SIMD >= 256
-BIGTRI_INLINE __m256i low_half(i64x8 v) { return (__m256i)__builtin_shufflevector(v, v, 0, 1, 2, 3); }
-BIGTRI_INLINE __m256i high_half(i64x8 v) { return (__m256i)__builtin_shufflevector(v, v, 4, 5, 6, 7); }
-
-BIGTRI_INLINE void keep_nearest(int64_t* pixels, __m256i packed, __m256i wanted) {
-  const __m256i old = _mm256_loadu_si256((const __m256i*)pixels);
-  const __m256i nearer = _mm256_and_si256(_mm256_cmpgt_epi64(old, packed), wanted);
-  _mm256_storeu_si256((__m256i*)pixels, _mm256_blendv_epi8(old, packed, nearer));
-}
-#endif
-
-// pixels[i] = min(pixels[i], packed[i]) for all eight, or where bit i is set.
-BIGTRI_INLINE void keep_nearest(int64_t* pixels, i64x8 packed) {
-#if BIGTRI_SIMD >= 512
-  _mm512_storeu_si512(pixels, _mm512_min_epi64(_mm512_loadu_si512(pixels), (__m512i)packed));
+  r.part[0] = (i64x8::Vector)_mm512_mask_permutexvar_epi32(_mm512_set1_epi64(triangle), 0xaaaa, to_high, _mm512_castsi256_si512((__m256i)z.part[0]));
 #elif BIGTRI_SIMD >= 256
-  const __m256i all = _mm256_set1_epi64x(-1);
-  keep_nearest(pixels, low_half(packed), all);
-  keep_nearest(pixels + 4, high_half(packed), all);
+  const __m256i bits = (__m256i)z.part[0], low = _mm256_set1_epi64x(triangle);
+  r.part[0] = (i64x8::Vector)_mm256_or_si256(_mm256_slli_epi64(_mm256_cvtepu32_epi64(_mm256_castsi256_si128(bits)), 32), low);
+  r.part[1] = (i64x8::Vector)_mm256_or_si256(_mm256_slli_epi64(_mm256_cvtepu32_epi64(_mm256_extracti128_si256(bits, 1)), 32), low);
 #else
-  for (int i = 0; i < 8; ++i) pixels[i] = packed[i] < pixels[i] ? packed[i] : pixels[i];
+  uint32_t bits[8];
+  __builtin_memcpy(bits, &z, sizeof bits);
+  int64_t packed[8];
+  for (int i = 0; i < 8; ++i) packed[i] = (int64_t)((uint64_t)bits[i] << 32 | triangle);
+  r = load<i64x8>(packed);
 #endif
+  return r;
 }
 
-BIGTRI_INLINE void keep_nearest(int64_t* pixels, i64x8 packed, uint32_t bits) {
+// Where bit i is set: pixels[i] = min(pixels[i], packed[i]).
+BIGTRI_INLINE void keep_nearest(int64_t* pixels, const i64x8& packed, uint32_t bits) {
 #if BIGTRI_SIMD >= 512
   const __m512i old = _mm512_loadu_si512(pixels);
-  _mm512_storeu_si512(pixels, _mm512_mask_min_epi64(old, (__mmask8)bits, old, (__m512i)packed));
+  _mm512_storeu_si512(pixels, _mm512_mask_min_epi64(old, (__mmask8)bits, old, (__m512i)packed.part[0]));
 #elif BIGTRI_SIMD >= 256
-  const __m256i all = _mm256_set1_epi64x((int64_t)bits), low = _mm256_setr_epi64x(1, 2, 4, 8), high = _mm256_setr_epi64x(16, 32, 64, 128);
-  keep_nearest(pixels, low_half(packed), _mm256_cmpeq_epi64(_mm256_and_si256(all, low), low));
-  keep_nearest(pixels + 4, high_half(packed), _mm256_cmpeq_epi64(_mm256_and_si256(all, high), high));
+  const __m256i all = _mm256_set1_epi64x((int64_t)bits);
+  for (int i = 0; i < 2; ++i) {
+    const __m256i lane = _mm256_set_epi64x(8 << 4 * i, 4 << 4 * i, 2 << 4 * i, 1 << 4 * i);
+    const __m256i old = _mm256_loadu_si256((const __m256i*)(pixels + 4 * i)), offered = (__m256i)packed.part[i];
+    const __m256i taken = _mm256_and_si256(_mm256_cmpgt_epi64(old, offered), _mm256_cmpeq_epi64(_mm256_and_si256(all, lane), lane));
+    _mm256_storeu_si256((__m256i*)(pixels + 4 * i), _mm256_blendv_epi8(old, offered, taken));
+  }
 #else
   for (int i = 0; i < 8; ++i)
     if ((bits >> i & 1) && packed[i] < pixels[i]) pixels[i] = packed[i];
 #endif
 }
 
-// Appends code[j] << 8 | byte j of the mask for every byte that is not 0, from list[n] on; returns the new n. Writes up to eight elements whatever the mask.
-BIGTRI_INLINE int append_rows(uint64_t mask, i32x8 code, uint32_t* list, int n) {
+// pixels[i] = min(pixels[i], packed[i]).
+BIGTRI_INLINE void keep_nearest(int64_t* pixels, const i64x8& packed) {
+#if BIGTRI_SIMD >= 512
+  _mm512_storeu_si512(pixels, _mm512_min_epi64(_mm512_loadu_si512(pixels), (__m512i)packed.part[0]));
+#elif BIGTRI_SIMD >= 256
+  for (int i = 0; i < 2; ++i) {
+    const __m256i old = _mm256_loadu_si256((const __m256i*)(pixels + 4 * i)), offered = (__m256i)packed.part[i];
+    _mm256_storeu_si256((__m256i*)(pixels + 4 * i), _mm256_blendv_epi8(old, offered, _mm256_cmpgt_epi64(old, offered)));
+  }
+#else
+  for (int i = 0; i < 8; ++i) pixels[i] = packed[i] < pixels[i] ? packed[i] : pixels[i];
+#endif
+}
+
+// Appends (code + kBin * j) << 8 | byte j of the mask for every byte that is not 0, from list[n] on; returns the new n. Writes up to eight elements whatever the mask.
+BIGTRI_INLINE int append_rows(uint64_t mask, uint32_t code, uint32_t* list, int n) {
 #if BIGTRI_SIMD >= 512
   const __m256i bytes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((int64_t)mask));
   const __mmask8 some = _mm256_test_epi32_mask(bytes, bytes);
-  const __m256i items = _mm256_or_si256(_mm256_slli_epi32((__m256i)code, 8), bytes);
+  const __m256i row = _mm256_setr_epi32(0, kBin, 2 * kBin, 3 * kBin, 4 * kBin, 5 * kBin, 6 * kBin, 7 * kBin);
+  const __m256i items = _mm256_or_si256(_mm256_slli_epi32(_mm256_add_epi32(_mm256_set1_epi32((int)code), row), 8), bytes);
   _mm256_storeu_si256((__m256i*)(list + n), _mm256_maskz_compress_epi32(some, items));
   return n + __builtin_popcount(some);
 #else
-  for (int j = 0; mask; ++j, mask >>= 8) {
-    list[n] = (uint32_t)code[j] << 8 | (mask & 0xff);
-    n += (mask & 0xff) != 0;
+  for (int j = 0; j < kTile; ++j) {
+    const uint32_t bits = mask >> (8 * j) & 0xff;
+    list[n] = (code + kBin * j) << 8 | bits;
+    n += bits != 0;
   }
   return n;
 #endif
 }
 
-// To memory that is not read again soon: past the caches.
-BIGTRI_INLINE void stream(int64_t* to, i64x8 v) {
+// To memory that is not read again soon, 64-byte aligned: past the caches.
+BIGTRI_INLINE void stream(int64_t* to, const i64x8& v) {
 #if BIGTRI_SIMD >= 512
-  _mm512_stream_si512((__m512i*)to, (__m512i)v);
+  _mm512_stream_si512((__m512i*)to, (__m512i)v.part[0]);
 #elif BIGTRI_SIMD >= 256
-  _mm256_stream_si256((__m256i*)to, low_half(v));
-  _mm256_stream_si256((__m256i*)(to + 4), high_half(v));
+  for (int i = 0; i < 2; ++i) _mm256_stream_si256((__m256i*)(to + 4 * i), (__m256i)v.part[i]);
 #else
-  *(i64x8*)to = v;
+  store(to, v);
 #endif
 }
 
