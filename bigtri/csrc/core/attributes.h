@@ -6,9 +6,7 @@
 namespace bigtri {
 
 // e_k at the centre of pixel (x, y), as float64: exact, since |e| < 2^50.
-BIGTRI_HD double edge_at(const Primitive& p, int k, int64_t x, int64_t y) {
-  return (double)edge_value(edge_of(p.x, p.y, k), pixel_centre(x), pixel_centre(y));
-}
+BIGTRI_HD double edge_at(const Primitive& p, int k, int64_t x, int64_t y) { return (double)edge_value(edge_of(p.x, p.y, k), pixel_centre(x), pixel_centre(y)); }
 
 // From e_k to the weights of the record's vertices (not clipped) or of the slots (clipped), in that order, not yet rounded to float32. D is double or a vector of doubles.
 template <class D>
@@ -18,7 +16,7 @@ BIGTRI_HD void barycentrics(const Parent& parent, int record, const D e[3], D b[
   if (parent.affine) return;
   for (int k = 0; k < 3; ++k) b[k] = b[k] / parent.w[record][k];
   if (parent.clipped) {
-    const double(*t)[3] = parent.weights[record];
+    const double (*t)[3] = parent.weights[record];
     const D u0 = b[0], u1 = b[1], u2 = b[2];
     for (int m = 0; m < 3; ++m) b[m] = (u0 * t[0][m] + u1 * t[1][m]) + u2 * t[2][m];
   }

@@ -46,9 +46,7 @@ BIGTRI_HD int64_t edge_bias(const Edge& e) { return (e.dy < 0 || (e.dy == 0 && e
 BIGTRI_HD int64_t pixel_centre(int64_t p) { return p * kSubpixel + kSubpixel / 2; }
 
 // floor((e + bias)/256) at the centre of pixel (x, y): covered where >= 0 for all three edges; changes by -dy and +dx per pixel.
-BIGTRI_HD int64_t edge_steps(const Edge& e, int64_t x, int64_t y) {
-  return (edge_value(e, pixel_centre(x), pixel_centre(y)) + edge_bias(e)) >> kSubpixelBits;
-}
+BIGTRI_HD int64_t edge_steps(const Edge& e, int64_t x, int64_t y) { return (edge_value(e, pixel_centre(x), pixel_centre(y)) + edge_bias(e)) >> kSubpixelBits; }
 
 // Twice the signed area, subpx^2; > 0 is clockwise on the screen (y down).
 BIGTRI_HD int64_t twice_area(const int32_t x[3], const int32_t y[3]) {

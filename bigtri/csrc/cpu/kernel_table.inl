@@ -9,9 +9,20 @@
 
 namespace bigtri {
 
-#define BIGTRI_KERNEL_TABLE(NAME)                                                                                                                      \
-  extern const Kernels kernels_##NAME;                                                                                                                 \
-  const Kernels kernels_##NAME = {#NAME, project, setup, bin_records, raster_bin, stage_tile_mask, stage_scan_tiles, stage_scan_rows, stage_depth,     \
-                                  stage_interpolate_row, stage_sample, stage_lambert, stage_encode_srgb};
+#define BIGTRI_KERNEL_TABLE(NAME)                        \
+  extern const Kernels kernels_##NAME;                   \
+  const Kernels kernels_##NAME = {#NAME,                 \
+                                  project,               \
+                                  setup,                 \
+                                  bin_records,           \
+                                  raster_bin,            \
+                                  stage_tile_mask,       \
+                                  stage_scan_tiles,      \
+                                  stage_scan_rows,       \
+                                  stage_depth,           \
+                                  stage_interpolate_row, \
+                                  stage_sample,          \
+                                  stage_lambert,         \
+                                  stage_encode_srgb};
 
 }  // namespace bigtri

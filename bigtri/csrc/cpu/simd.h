@@ -49,20 +49,20 @@ BIGTRI_INLINE void store(T* to, const Lanes<T, N>& v) {
   __builtin_memcpy(to, &v, sizeof v);
 }
 
-#define BIGTRI_OPERATOR(OP)                                                         \
-  template <class T, int N>                                                         \
+#define BIGTRI_OPERATOR(OP)                                                           \
+  template <class T, int N>                                                           \
   BIGTRI_INLINE Lanes<T, N> operator OP(const Lanes<T, N>& a, const Lanes<T, N>& b) { \
-    Lanes<T, N> r;                                                                  \
-    for (int i = 0; i < r.kParts; ++i) r.part[i] = a.part[i] OP b.part[i];          \
-    return r;                                                                       \
-  }                                                                                 \
-  template <class T, int N>                                                         \
-  BIGTRI_INLINE Lanes<T, N> operator OP(const Lanes<T, N>& a, T b) {                \
-    return a OP splat<Lanes<T, N>>(b);                                              \
-  }                                                                                 \
-  template <class T, int N>                                                         \
-  BIGTRI_INLINE Lanes<T, N> operator OP(T a, const Lanes<T, N>& b) {                \
-    return splat<Lanes<T, N>>(a) OP b;                                              \
+    Lanes<T, N> r;                                                                    \
+    for (int i = 0; i < r.kParts; ++i) r.part[i] = a.part[i] OP b.part[i];            \
+    return r;                                                                         \
+  }                                                                                   \
+  template <class T, int N>                                                           \
+  BIGTRI_INLINE Lanes<T, N> operator OP(const Lanes<T, N>& a, T b) {                  \
+    return a OP splat<Lanes<T, N>>(b);                                                \
+  }                                                                                   \
+  template <class T, int N>                                                           \
+  BIGTRI_INLINE Lanes<T, N> operator OP(T a, const Lanes<T, N>& b) {                  \
+    return splat<Lanes<T, N>>(a) OP b;                                                \
   }
 BIGTRI_OPERATOR(+)
 BIGTRI_OPERATOR(-)

@@ -53,7 +53,8 @@ Tensor interpolate_op(const Tensor& packed, const Tensor& positions, const Tenso
   check(op, "packed", packed, ScalarType::Long, {-1, -1, -1}, "int64 [B, H, W]");
   check(op, "positions", positions, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
   STD_TORCH_CHECK((attributes.size(0) == 1 || attributes.size(0) == packed.size(0)) && attributes.size(1) == positions.size(1),
-                  "bigtri::interpolate: attributes must be float32 [B or 1, V, C] with B and V of positions, ", describe(positions), ", got ", describe(attributes));
+                  "bigtri::interpolate: attributes must be float32 [B or 1, V, C] with B and V of positions, ", describe(positions), ", got ",
+                  describe(attributes));
   return resolve_rows(op, packed, positions, triangles, &attributes);
 }
 
@@ -88,8 +89,8 @@ Tensor lambert_op(const Tensor& normals, const Tensor& albedo, const Tensor& amb
   check(op, "light_colors", colors, ScalarType::Float, {directions.size(0), 3}, "float32 [L, 3]");
   Tensor out = empty({normals.size(0), 3}, ScalarType::Float);
   in_blocks(normals.size(0), 16384, [&](int64_t begin, int64_t end) {
-    current_kernels().lambert(const_data<float>(normals) + 3 * begin, const_data<float>(albedo) + 3 * begin, const_data<float>(ambient), const_data<float>(directions),
-                              const_data<float>(colors), directions.size(0), end - begin, data<float>(out) + 3 * begin);
+    current_kernels().lambert(const_data<float>(normals) + 3 * begin, const_data<float>(albedo) + 3 * begin, const_data<float>(ambient),
+                              const_data<float>(directions), const_data<float>(colors), directions.size(0), end - begin, data<float>(out) + 3 * begin);
   });
   return out;
 }

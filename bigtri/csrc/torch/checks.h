@@ -59,8 +59,15 @@ inline Viewport viewport(const char* op, int64_t height, int64_t width, const st
   STD_TORCH_CHECK(cull == "none" || cull == "back" || cull == "front", "bigtri::", op, ": cull must be 'none', 'back' or 'front', got '", cull, "'");
   STD_TORCH_CHECK(scissor.size() == 4, "bigtri::", op, ": scissor must be 4 integers x0, y0, x1, y1, got ", scissor.size());
   const auto cut = [](int64_t v, int64_t high) { return (int)min_of(max_of<int64_t>(v, 0), high); };
-  return {(int)width,           (int)height,           cut(scissor[0], width), cut(scissor[1], height), cut(scissor[2], width), cut(scissor[3], height),
-          cull == "back" ? kCullBack : cull == "front" ? kCullFront : kCullNone};
+  return {(int)width,
+          (int)height,
+          cut(scissor[0], width),
+          cut(scissor[1], height),
+          cut(scissor[2], width),
+          cut(scissor[3], height),
+          cull == "back"    ? kCullBack
+          : cull == "front" ? kCullFront
+                            : kCullNone};
 }
 
 // Positions of one view and the triangles; every index is checked before anything is drawn.

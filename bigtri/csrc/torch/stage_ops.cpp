@@ -35,7 +35,8 @@ void check_queue(const char* op, const Tensor& queue, int64_t records) {
   for (int64_t i = 0; i < queue.size(0); ++i) {
     check_record(op, "queue", q[3 * i], records);
     for (int k = 1; k < 3; ++k)
-      STD_TORCH_CHECK(q[3 * i + k] >= 0 && q[3 * i + k] < kMaxSize / kBin, "bigtri::", op, ": queue must name bins 0 to ", kMaxSize / kBin - 1, ", got ", q[3 * i + k]);
+      STD_TORCH_CHECK(q[3 * i + k] >= 0 && q[3 * i + k] < kMaxSize / kBin, "bigtri::", op, ": queue must name bins 0 to ", kMaxSize / kBin - 1, ", got ",
+                      q[3 * i + k]);
   }
 }
 
@@ -52,8 +53,8 @@ int64_t check_spans(const char* op, const Tensor& spans, int64_t records) {
   return pixels;
 }
 
-std::tuple<Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor> setup_op(const Tensor& positions, const Tensor& triangles, int64_t height,
-                                                                                                    int64_t width, std::string cull,
+std::tuple<Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor> setup_op(const Tensor& positions, const Tensor& triangles,
+                                                                                                    int64_t height, int64_t width, std::string cull,
                                                                                                     std::vector<int64_t> scissor) {
   const char* op = "setup";
   const Viewport view = viewport(op, height, width, cull, scissor);
@@ -100,10 +101,11 @@ std::tuple<Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tenso
   };
   Tensor dropped = empty({}, ScalarType::Long);
   *data<int64_t>(dropped) = lost;
-  return {copy(triangle, {n}, ScalarType::Int),   copy(xy, {n, 3, 2}, ScalarType::Int),        copy(z, {n, 3}, ScalarType::Float),
-          copy(area, {n}, ScalarType::Long),      copy(bbox, {n, 4}, ScalarType::Int),         copy(w, {n, 3}, ScalarType::Double),
-          copy(corner, {n, 3}, ScalarType::Int),  copy(weights, {n, 3, 3}, ScalarType::Double), copy(clipped, {n}, ScalarType::Bool),
-          dropped};
+  return {copy(triangle, {n}, ScalarType::Int),  copy(xy, {n, 3, 2}, ScalarType::Int),
+          copy(z, {n, 3}, ScalarType::Float),    copy(area, {n}, ScalarType::Long),
+          copy(bbox, {n, 4}, ScalarType::Int),   copy(w, {n, 3}, ScalarType::Double),
+          copy(corner, {n, 3}, ScalarType::Int), copy(weights, {n, 3, 3}, ScalarType::Double),
+          copy(clipped, {n}, ScalarType::Bool),  dropped};
 }
 
 std::tuple<Tensor, Tensor, Tensor> binning_op(const Tensor& xy, const Tensor& bbox, int64_t threshold) {
@@ -150,7 +152,8 @@ Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, co
   std::vector<int32_t> spans, some(4 * kMaxSize);  // the most that one call writes: 512 spans of a bin, or one per row of the image
   for (int64_t i = 0; i < queue.size(0); ++i) {
     const int32_t* entry = const_data<int32_t>(queue) + 3 * i;
-    const int64_t n = current_kernels().scan_tiles(v + 6 * (int64_t)entry[0], b + 4 * (int64_t)entry[0], entry, (uint64_t)const_data<int64_t>(touched)[i], some.data());
+    const int64_t n =
+        current_kernels().scan_tiles(v + 6 * (int64_t)entry[0], b + 4 * (int64_t)entry[0], entry, (uint64_t)const_data<int64_t>(touched)[i], some.data());
     spans.insert(spans.end(), some.begin(), some.begin() + 4 * n);
   }
   for (int64_t i = 0; i < small.size(0); ++i) {
@@ -169,7 +172,8 @@ Tensor depth_op(const Tensor& xy, const Tensor& z, const Tensor& area, const Ten
   check(op, "area", area, ScalarType::Long, {xy.size(0)}, "int64 [N]");
   Tensor out = empty({check_spans(op, spans, xy.size(0))}, ScalarType::Float);
   FloatMode mode;
-  current_kernels().depth_spans(const_data<int32_t>(xy), const_data<float>(z), const_data<int64_t>(area), const_data<int32_t>(spans), spans.size(0), data<float>(out));
+  current_kernels().depth_spans(const_data<int32_t>(xy), const_data<float>(z), const_data<int64_t>(area), const_data<int32_t>(spans), spans.size(0),
+                                data<float>(out));
   return out;
 }
 
