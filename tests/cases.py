@@ -81,6 +81,20 @@ def slivers(rng: np.random.Generator) -> Case:
     return from_pixels(np.stack([a, b, c], 1), rng.uniform(0.1, 0.9, (80, 3)), (height, width))
 
 
+def needles_on_centres(rng: np.random.Generator) -> Case:
+    """Needles of the least area there is, pixel centres on an edge: a plane would lose their depth, the thin rule does not."""
+    step = np.array([(m, n) for m in range(2, 40) for n in range(2, 40) if np.gcd(m, n) == 1])
+    step = step[rng.integers(0, len(step), 120)]
+    side = rng.choice([-1, 1], 120)
+    y = np.array([pow(int(m), -1, int(n)) * int(s) % int(n) for (m, n), s in zip(step, side, strict=True)])
+    x = (step[:, 0] * y - side) // step[:, 1]  # subpx; (x, y) is beside the edge by the least that a grid of subpx allows
+    first = rng.integers(0, 90, (120, 2)) + 0.5
+    last = first + step * rng.integers(2, 5, (120, 1))
+    corner = first + np.stack([x, y], axis=1) / 256
+    z = np.concatenate([rng.integers(1, 60, (120, 2)) * 2.0**-24, rng.uniform(0.5, 0.9, (120, 1))], axis=1)
+    return from_pixels(np.stack([first, last, corner], axis=1), z, (256, 256))
+
+
 def on_centres(rng: np.random.Generator) -> Case:
     """A mesh whose vertices and edges pass through pixel centres: every tie that there is."""
     n = 18
@@ -219,6 +233,7 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
         behind_camera,
         far_depth,
         slivers,
+        needles_on_centres,
         on_centres,
         on_bins,
         equal_depth,
