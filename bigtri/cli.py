@@ -1,4 +1,4 @@
-"""The command line: ``bigtri render``, ``info``, ``bench`` and ``demo``."""
+"""The command line: ``bigtri render``, ``info``, ``bench``, ``demo`` and ``hard-cases``."""
 
 from __future__ import annotations
 
@@ -27,6 +27,15 @@ examples:
   bigtri render duck.glb -o duck.png --size 1920x1080 --azimuth 120 --elevation 10 --supersample 3
   bigtri render duck.glb -o duck.png --view all       writes duck-shaded.png, duck-normals.png, ...
   bigtri render scan.ply -o scan.png --up z --view bins
+"""
+
+
+_HARD_CASES_EXAMPLES = """\
+examples:
+  bigtri hard-cases                            all of them: a minute or two
+  bigtri hard-cases --only ties depth H13
+  bigtri hard-cases --csv hard_cases.csv
+  bigtri hard-cases --pictures pictures
 """
 
 
@@ -70,7 +79,18 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--size", type=_size, default=(1920, 1080), metavar="WxH", help="pixels (default: 1920x1080)")
     _add_execution(demo)
     demo.set_defaults(run=_demo)
+    about = "what this build draws of triangles that break rasterizers, and what plain float32 draws"
+    _add_hard_cases(commands.add_parser("hard-cases", help=about, epilog=_HARD_CASES_EXAMPLES, formatter_class=raw))
     return parser
+
+
+def _add_hard_cases(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Draw every hard case by every method and count what is wrong. Exit code 1 if bigtri is wrong anywhere."
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="these cases, such as H05, or families, such as ties")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="write the counts there as well")
+    parser.add_argument("--markdown", action="store_true", help="print the table as docs/hard_cases.md has it")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the pictures of docs/hard_cases.md there, no table")
+    parser.set_defaults(run=_hard_cases)
 
 
 def _add_render(parser: argparse.ArgumentParser) -> None:
@@ -146,6 +166,22 @@ def _demo(options: argparse.Namespace) -> int:
     for path in paths:
         print(path)
     return 0
+
+
+def _hard_cases(options: argparse.Namespace) -> int:
+    from .hard_cases import pictures, report
+
+    if options.pictures:
+        for path in pictures.draw_all(options.pictures, _say):
+            print(path)
+        return 0
+    rows = report.measure_all(report.choose(options.only), _say)
+    print(report.markdown(rows) if options.markdown else report.table(rows))
+    if options.csv:
+        options.csv.write_text(report.as_csv(rows), encoding="utf-8")
+    wrong = report.failures(rows)
+    _say("bigtri: nothing wrong" if not wrong else f"bigtri: {wrong} WRONG: please report this")
+    return _FAILED if wrong else 0
 
 
 def _check_picture_path(path: Path) -> None:

@@ -10,13 +10,16 @@ from contextlib import contextmanager
 import torch
 
 ISA_LEVELS = ("baseline", "avx2", "avx512")
-VARIANTS = ("bin_owned",)  # the first one is "auto"
 
 _load_error: ImportError | None = None
 try:
     importlib.import_module("bigtri._C")
 except ImportError as error:
     _load_error = error
+
+
+# How the extension can schedule the work, the one that "auto" means first; all give the same bits.
+VARIANTS: tuple[str, ...] = tuple(torch.ops.bigtri.variants().split(",")) if _load_error is None else ()
 
 
 def available() -> bool:

@@ -43,7 +43,8 @@ def assert_same_image(expected: np.ndarray, got: np.ndarray) -> None:
 def test_every_stage_has_the_reference_bits(name, isa):
     case = make(name)
     threshold = 4000 if case.resolution[0] * case.resolution[1] > 10**6 else 64
-    assert (difference := verify.compare(*case, threshold=threshold)) is None, str(difference)
+    for variant in native.VARIANTS:
+        assert (difference := verify.compare(*case, variant=variant, threshold=threshold)) is None, str(difference)
 
 
 @pytest.mark.parametrize("seed", range(1, 6))
@@ -54,11 +55,12 @@ def test_more_seeds(name, seed):
 
 
 @pytest.mark.parametrize("name", ["screen_size", "many_small", "layers", "behind_camera"])
-def test_threads_and_instruction_sets_change_no_bit(name, isa, threads):
+@pytest.mark.parametrize("variant", native.VARIANTS)
+def test_variants_threads_and_instruction_sets_change_no_bit(variant, name, isa, threads):
     case = make(name)
     expected = bigtri.rasterize(*case, backend="reference")
     for _ in range(3):
-        got = bigtri.rasterize(*case, backend="native")
+        got = bigtri.rasterize(*case, backend="native", variant=variant)
         assert_same_image(expected.packed, got.packed)
 
 

@@ -49,4 +49,4 @@ def _meets_bbox(records: Records, queue: NDArray[np.int32]) -> NDArray[np.bool_]
 def _as_bits(flags: NDArray[np.bool_]) -> NDArray[np.int64]:
     """int64 [Q] of bool [Q, row, column]; little-endian by construction, so that tile 0 is bit 0 on any machine."""
     octets = np.packbits(flags.reshape(-1, TILES * TILES), axis=1, bitorder="little")  # uint8 [Q, 8]
-    return octets.view("<i8").reshape(-1).astype(np.int64)
+    return np.ascontiguousarray(octets).view("<i8").reshape(-1).astype(np.int64)

@@ -30,7 +30,14 @@ struct Mesh {
 // Smallest and largest index; (INT32_MAX, INT32_MIN) for no triangles.
 void index_range(const Parallel& parallel, const int32_t* indices, int64_t count, int64_t* lowest, int64_t* highest);
 
-// packed [H, W], depth [H, W] or null: every pixel is written. Returns the number of dropped triangles.
-int64_t rasterize(const Kernels& kernels, const Parallel& parallel, const Mesh& mesh, const Viewport& view, int64_t* packed, float* depth);
+// A way to schedule the work of one image. Variants never differ in a bit; each is one file and one line in variants.cpp.
+struct Variant {
+  const char* name;
+  // packed [H, W], depth [H, W] or null: every pixel is written. Returns the number of dropped triangles.
+  int64_t (*draw)(const Kernels& kernels, const Parallel& parallel, const Mesh& mesh, const Viewport& view, int64_t* packed, float* depth);
+};
+
+// All of them, the one that "auto" means first; ends with a null name.
+extern const Variant kVariants[];
 
 }  // namespace bigtri

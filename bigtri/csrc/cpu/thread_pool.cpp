@@ -3,6 +3,7 @@
 #include <atomic>
 #include <condition_variable>
 #include <mutex>
+#include <system_error>
 #include <thread>
 
 #if !defined(_WIN32)
@@ -83,7 +84,10 @@ void ThreadPool::run(int threads, int64_t n, void (*body)(void*, int64_t), void*
     std::lock_guard<std::mutex> lock(s.mutex);
     if (!s.job.load()) {
       shared = true;
-      for (; s.workers < job.helpers; ++s.workers) std::thread([&s] { s.worker(); }).detach();
+      try {
+        for (; s.workers < job.helpers; ++s.workers) std::thread([&s] { s.worker(); }).detach();
+      } catch (const std::system_error&) {  // no more threads to be had: fewer do
+      }
       s.job.store(&job);
     }
   }

@@ -5,11 +5,20 @@
 namespace bigtri {
 namespace {
 
+// Names, separated by commas.
+std::string variants_op() {
+  std::string names;
+  for (const Variant* v = kVariants; v->name; ++v) names += (v == kVariants ? "" : ",") + std::string(v->name);
+  return names;
+}
+
 void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width, std::string cull, std::vector<int64_t> scissor,
                   std::string variant, const Tensor& packed, std::optional<Tensor> depth, const Tensor& dropped) {
   const char* op = "rasterize";
   const Viewport view = viewport(op, height, width, cull, scissor);
-  STD_TORCH_CHECK(variant == "bin_owned", "bigtri::rasterize: variant must be 'bin_owned', got '", variant, "'");
+  const Variant* chosen = kVariants;
+  while (chosen->name && variant != chosen->name) ++chosen;
+  STD_TORCH_CHECK(chosen->name, "bigtri::rasterize: variant must be one of ", variants_op(), ", got '", variant, "'");
   check(op, "positions", positions, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
   check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
   const int64_t batch = positions.size(0), vertices = positions.size(1);
@@ -22,7 +31,7 @@ void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   for (int64_t b = 0; b < batch; ++b) {
     mesh.positions = const_data<float>(positions) + b * vertices * 4;
     data<int64_t>(dropped)[b] =
-        rasterize(kernels, parallel, mesh, view, data<int64_t>(packed) + b * height * width, depth ? data<float>(*depth) + b * height * width : nullptr);
+        chosen->draw(kernels, parallel, mesh, view, data<int64_t>(packed) + b * height * width, depth ? data<float>(*depth) + b * height * width : nullptr);
   }
 }
 
@@ -52,6 +61,7 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
       "Tensor(c!) dropped) -> ()");
   m.def("has_isa(str name) -> bool");
   m.def("isa() -> str");
+  m.def("variants() -> str");
   m.def("set_isa(str name) -> ()");
   m.def("batch_limits() -> (int, int)");
   m.def("set_batch_limits(int records, int candidates) -> ()");
@@ -77,6 +87,7 @@ STABLE_TORCH_LIBRARY_IMPL(bigtri, CPU, m) { m.impl("rasterize", TORCH_BOX(&bigtr
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
   m.impl("has_isa", TORCH_BOX(&bigtri::has_isa));
   m.impl("isa", TORCH_BOX(&bigtri::isa));
+  m.impl("variants", TORCH_BOX(&bigtri::variants_op));
   m.impl("set_isa", TORCH_BOX(&bigtri::set_isa));
   m.impl("batch_limits", TORCH_BOX(&bigtri::batch_limits_op));
   m.impl("set_batch_limits", TORCH_BOX(&bigtri::set_batch_limits_op));

@@ -14,12 +14,16 @@ Tensor tensor_of(const std::vector<int32_t>& values, const std::vector<int64_t>&
   return t;
 }
 
-void check_records(const char* op, const Tensor& xy, const Tensor& bbox) {
+void check_vertices(const char* op, const Tensor& xy) {
   check(op, "xy", xy, ScalarType::Int, {-1, 3, 2}, "int32 [N, 3, 2]");
-  check(op, "bbox", bbox, ScalarType::Int, {xy.size(0), 4}, "int32 [N, 4]");
   const int32_t* v = const_data<int32_t>(xy);
   for (int64_t i = 0, n = xy.numel(); i < n; ++i)
     STD_TORCH_CHECK(v[i] >= -kGuard && v[i] < kGuard, "bigtri::", op, ": xy must lie in [", -kGuard, ", ", kGuard, ") subpx, got ", v[i]);
+}
+
+void check_records(const char* op, const Tensor& xy, const Tensor& bbox) {
+  check_vertices(op, xy);
+  check(op, "bbox", bbox, ScalarType::Int, {xy.size(0), 4}, "int32 [N, 4]");
   const int32_t* b = const_data<int32_t>(bbox);
   for (int64_t i = 0, n = bbox.numel(); i < n; ++i)
     STD_TORCH_CHECK(b[i] >= 0 && b[i] <= kMaxSize, "bigtri::", op, ": bbox must lie in 0 to ", kMaxSize, " px, got ", b[i]);
@@ -167,7 +171,7 @@ Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, co
 
 Tensor depth_op(const Tensor& xy, const Tensor& z, const Tensor& area, const Tensor& spans) {
   const char* op = "depth";
-  check(op, "xy", xy, ScalarType::Int, {-1, 3, 2}, "int32 [N, 3, 2]");
+  check_vertices(op, xy);
   check(op, "z", z, ScalarType::Float, {xy.size(0), 3}, "float32 [N, 3]");
   check(op, "area", area, ScalarType::Long, {xy.size(0)}, "int64 [N]");
   Tensor out = empty({check_spans(op, spans, xy.size(0))}, ScalarType::Float);

@@ -1,4 +1,5 @@
-// Arranges the per-ISA kernels: project every vertex once, then batch by batch set up, bin and draw. Batches bound the memory; nothing is ever left out.
+// The bin-owned variant, arranged from the per-ISA kernels: project every vertex once, then batch by batch set up, bin and draw (bin_owned.inl). Batches bound the memory;
+// nothing is ever left out.
 
 #include "rasterize.h"
 
@@ -24,7 +25,7 @@ std::unique_ptr<T[]> allocate(int64_t n) {  // not initialised
 
 // A run of triangles and the slots reserved for their records.
 struct Chunk {
-  int64_t begin, end;         // triangles
+  int64_t begin, end;  // triangles
   int64_t slot, slots, used;  // records
   int64_t dropped;
 };
@@ -143,23 +144,7 @@ void set_batch_limits(const BatchLimits& limits) {
   max_candidates.store(limits.candidates, std::memory_order_relaxed);
 }
 
-void index_range(const Parallel& parallel, const int32_t* indices, int64_t count, int64_t* lowest, int64_t* highest) {
-  const int64_t chunks = std::min<int64_t>(parallel.threads, count / 65536 + 1);
-  std::vector<int32_t> low(chunks, INT32_MAX), high(chunks, INT32_MIN);
-  parallel(chunks, [&](int64_t c) {
-    int32_t a = INT32_MAX, b = INT32_MIN;
-    for (int64_t i = count * c / chunks, end = count * (c + 1) / chunks; i < end; ++i) {
-      a = std::min(a, indices[i]);
-      b = std::max(b, indices[i]);
-    }
-    low[c] = a;
-    high[c] = b;
-  });
-  *lowest = *std::min_element(low.begin(), low.end());
-  *highest = *std::max_element(high.begin(), high.end());
-}
-
-int64_t rasterize(const Kernels& kernels, const Parallel& parallel, const Mesh& mesh, const Viewport& view, int64_t* packed, float* depth) {
+int64_t draw_bin_owned(const Kernels& kernels, const Parallel& parallel, const Mesh& mesh, const Viewport& view, int64_t* packed, float* depth) {
   Frame frame(kernels, parallel, view, packed, depth);
   if (mesh.count == 0) {
     frame.finish();
