@@ -29,12 +29,10 @@ BIGTRI_HD void lambert(const float normal[3], const float albedo[3], const float
   for (int i = 0; i < 3; ++i) out[i] = albedo[i] * c[i];
 }
 
-// thresholds [255], ascending: the number of them that are <= v; NaN gives 0.
-BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds) {
-  int n = 0;
-  for (int step = 128; step > 0; step >>= 1)  // 128 + 64 + ... + 1 = 255
-    if (thresholds[n + step - 1] <= v) n += step;
-  return (uint8_t)n;
+// thresholds [255], ascending: the number of them that are <= v, counted on from one that is not too high; NaN gives `from`.
+BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds, int from) {
+  while (from < 255 && thresholds[from] <= v) ++from;
+  return (uint8_t)from;
 }
 
 }  // namespace bigtri

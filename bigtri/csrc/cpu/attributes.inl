@@ -99,7 +99,14 @@ void stage_lambert(const float* normals, const float* albedo, const float* ambie
 }
 
 void stage_encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out) {
-  for (int64_t i = 0; i < count; ++i) out[i] = encode_srgb(linear[i], thresholds);
+  // What k/4096 encodes to, to count on from: in the dark, where thresholds are densest, hardly one lies between one k and the next.
+  constexpr int kSteps = 4096;
+  uint8_t start[kSteps + 1];
+  for (int k = 0; k <= kSteps; ++k) start[k] = encode_srgb((float)k / kSteps, thresholds, k ? start[k - 1] : 0);
+  for (int64_t i = 0; i < count; ++i) {
+    const float inside = linear[i] > 0.0f ? min_of(linear[i], 1.0f) : 0.0f;
+    out[i] = encode_srgb(linear[i], thresholds, start[(int)(inside * kSteps)]);
+  }
 }
 
 }  // namespace
