@@ -24,7 +24,8 @@ FLOAT32_MAX = float(np.finfo(np.float32).max)
 def true_side(corners: NDArray[np.float32], height: int, width: int) -> NDArray[np.int64]:
     """int64 [H, W] of a triangle [3, 4]: 1 where a pixel's centre is inside it by more than 1/256 px, -1 outside by more, else 0.
 
-    Inside means: seen in front of the eye, at z >= -w and z <= 4w. Exact: integers throughout, by Cramer's rule on (x, y, w), so
+    Inside means: seen in front of the eye, at z >= -w and z <= 4w. What is seen edge-on has no inside, but a border where it may
+    show after snapping. Exact: integers throughout, by Cramer's rule on (x, y, w), so
     that neither projection nor clipping is computed. Shares no code with bigtri, nor with its brute force.
     """
     x = (2 * np.arange(width) + 1).astype(object)[None, :]  # in half pixels, as Python's integers
@@ -65,8 +66,9 @@ def half_planes(points: list[tuple[int, ...]]) -> list[tuple[int, ...]]:
     a, b, c = ((x, y, w) for x, y, _, w in points)
     normals = [_cross(b, c), _cross(c, a), _cross(a, b)]
     determinant = sum(n * v for n, v in zip(normals[0], a, strict=True))
-    if determinant == 0:  # edge-on
-        return [(0, 0, -1)]
+    if determinant == 0:  # edge-on: the line that it is seen as, or nothing
+        line = next((normal for normal in normals if any(normal)), (0, 0, -1))
+        return [line, tuple(-n for n in line)]
     if determinant < 0:
         normals = [tuple(-n for n in normal) for normal in normals]
     edges = normals[:]
@@ -243,6 +245,18 @@ def test_the_picture_is_the_true_one_where_the_ends_of_an_edge_cancel() -> None:
         assert not wrong, (wrong, corners.tolist())
 
 
+@pytest.mark.xfail(strict=True, reason="the new vertex sums rounded products whose sum cancels; numerics.md 2.1")
+def test_the_picture_is_the_true_one_where_a_vertex_lies_on_the_near_plane() -> None:
+    """Found among simple numbers: an edge from a vertex exactly on the near plane to one behind the eye and far to the side.
+
+    It meets the plane in the first, which is seen below the middle of the picture; what is computed is the middle itself.
+    """
+    corners = np.float32([[0, 0, 256, 10], [-1e25, -(2.0**120), -1e37, 1e37], [2.0**120, 2.0**112, 0, -(2.0**-32)]])
+    positions, triangles = soup(corners[None])
+    drawn = fragments(positions, triangles, (12, 16))
+    assert not wrong_pixels(drawn, true_side(corners, 12, 16)), drawn
+
+
 finite = st.floats(width=32, allow_nan=False, allow_infinity=False)
 vertex = st.tuples(finite, finite, finite, finite)
 
@@ -250,6 +264,7 @@ vertex = st.tuples(finite, finite, finite, finite)
 @settings(max_examples=scaled(300), deadline=None)
 @given(st.tuples(vertex, vertex, vertex))
 @example(((3e38, 3e38, 0, 1e-38), (-3e38, 3e38, 0, 1e-38), (0, -3e38, 0, 1e-38)))
+@example(((0, 0, 0, 1), (1, 1, 0, 0), (-1, -1, 0, 1)))  # edge-on
 @example(((FLOAT32_MAX, 0, 0, 1), (-FLOAT32_MAX, FLOAT32_MAX, 0, 1), (-FLOAT32_MAX, -FLOAT32_MAX, 0, 1)))
 def test_the_picture_is_the_true_one_whatever_the_floats(corners: tuple[tuple[float, ...], ...]) -> None:
     """A search with shrinking over all finite float32 values."""
@@ -354,15 +369,16 @@ def subdivided(parts: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
 
 @pytest.mark.parametrize("exponent", [0, 5, 10, 30, 60, 100])
 def test_flat_meshes_cover_each_pixel_once(exponent: int, record_property) -> None:
-    """A triangle cut into 256 parts, in any order and winding, across the near plane and the guard planes, up to 2^100.
+    """A triangle cut into 256 parts, in any order, across the near plane and the guard planes, up to 2^100.
 
     Corners are small integers times a power of two for each component, so that the parts lie exactly where the whole is: inside
-    it, each pixel once; outside never.
+    it, each pixel once; outside never. Parts narrower than the sub-pixel grid may fold over when they are snapped; a pixel then
+    has a front and a back face more, which cancel. Where nothing folds over, all faces are of one kind.
     """
     rng = np.random.default_rng([34, exponent])
     height, width = 33, 47
     weights, faces = subdivided(16)
-    inside = clipped = 0
+    inside = clipped = folded = 0
     for _ in range(scaled(400)):
         corners = np.rint(rng.normal(size=(3, 4)) * 2.0 ** rng.uniform(4, 15, 4))
         corners[:, 2] = np.minimum(corners[:, 2], corners[:, 3])  # nothing beyond the far plane
@@ -371,14 +387,17 @@ def test_flat_meshes_cover_each_pixel_once(exponent: int, record_property) -> No
         vertices = weights @ corners
         positions = vertices.astype(np.float32)
         assert (positions == vertices).all()
-        order = rng.permuted(faces[rng.permutation(len(faces))], axis=1)
+        order = np.roll(faces[rng.permutation(len(faces))], rng.integers(0, 3), axis=1)
         side = true_side(corners.astype(np.float32), height, width)
-        assert not wrong_pixels(fragments(positions, order, (height, width)), side), corners.tolist()
+        front, back = (fragments(positions, order, (height, width), cull) for cull in ("back", "front"))
+        sign = 1 if front.sum() > back.sum() else -1
+        assert not wrong_pixels(sign * (front - back), side), corners.tolist()
+        folded += bool(front.any() and back.any())
         inside += (side == 1).sum()
         clipped += stages.setup(positions, order, height, width)[0].clipped.sum()
     record_property("pixels", int(inside))
     print(f"up to 2^{exponent}: {inside} pixels inside, {clipped} clipped parts in view")
-    assert inside > 3000 and clipped > 50
+    assert inside > 3000 and clipped > 50 and folded < scaled(400) // 20
 
 
 @pytest.mark.parametrize("reach", [1e2, 1e5, 1e10, 1e20, 1e30])
