@@ -86,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_hard_cases(parser: argparse.ArgumentParser) -> None:
     parser.description = "Draw every hard case by every method and count what is wrong. Exit code 1 if bigtri is wrong anywhere."
-    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="these cases, such as H05, or families, such as ties")
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="cases such as H05, or families such as ties")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="write the counts there as well")
     parser.add_argument("--markdown", action="store_true", help="print the table as docs/hard_cases.md has it")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the pictures of docs/hard_cases.md there, no table")

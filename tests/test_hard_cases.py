@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from bigtri.hard_cases import Backend, cases, pictures, report
 from bigtri.hard_cases.constructions import MESHES
 
 CASES = cases()
+PAGE = Path(__file__).parent.parent / "docs" / "hard_cases.md"
 BACKENDS = ["reference", *native.isa_levels()]
 P = np.array([[-0.5, -0.5, 0, 1], [0.5, -0.5, 0, 1], [0, 0.5, 0, 1]], np.float32)
 T = np.array([[0, 1, 2]], np.int32)
@@ -93,6 +95,18 @@ def test_pictures(tmp_path, monkeypatch):
     paths = pictures.draw_all(tmp_path)
     assert [p.name for p in paths] == ["ties.png", "clipping.png", "depth.png"]
     assert all(1000 < p.stat().st_size < 150_000 for p in paths)
+
+
+def test_the_page_is_of_these_cases():
+    """docs/hard_cases.md has a row of zeros for every case, and all pictures."""
+    page = PAGE.read_text(encoding="utf-8")
+    rows = {line.split(" | ")[0][2:]: line for line in page.splitlines() if line.startswith("| ")}
+    for case in CASES.values():
+        assert case.title in rows[case.name] and case.reason in rows[case.name], case.name
+        assert rows[case.name].endswith(" | 0 |"), case.name
+    for picture in pictures.PICTURES:
+        assert f"(img/hard_cases/{picture.name}.png)" in page
+        assert 0 < (PAGE.parent / "img" / "hard_cases" / f"{picture.name}.png").stat().st_size < 150_000
 
 
 # --- Bad input: the rows of the table in docs/hard_cases.md -------------------------------------------------------------------
@@ -182,14 +196,34 @@ def test_strides_of_torch_tensors(backend):
         assert torch.equal(draw(positions, torch.from_numpy(T), backend=backend).packed, expected)
     batch = torch.from_numpy(P)[None].expand(3, -1, -1)
     assert torch.equal(draw(batch, torch.from_numpy(T), backend=backend).packed, expected.expand(3, -1, -1))
-    assert np.array_equal(draw(P[::-1], T[:, ::-1], backend=backend).packed, draw(P[::-1].copy(), T[:, ::-1].copy(), backend=backend).packed)
+    assert np.array_equal(
+        draw(P[::-1], T[:, ::-1], backend=backend).packed, draw(P[::-1].copy(), T[:, ::-1].copy(), backend=backend).packed
+    )
 
 
 def test_requires_grad_is_not_kept(backend):
     positions = torch.from_numpy(P).clone().requires_grad_()
     v = draw(positions, torch.from_numpy(T), backend=backend)
-    assert not any(field.requires_grad for field in v) and torch.equal(v.packed, draw(torch.from_numpy(P), torch.from_numpy(T)).packed)
+    assert not any(field.requires_grad for field in v) and torch.equal(
+        v.packed, draw(torch.from_numpy(P), torch.from_numpy(T)).packed
+    )
     assert positions.grad is None and positions.requires_grad
+
+
+def test_another_byte_order(backend):
+    with pytest.raises(TypeError, match=r"bigtri\.rasterize: positions must be float32 .*got >f4"):
+        draw(P.astype(">f4"), backend=backend)
+
+
+def test_read_only_input(backend):
+    positions, triangles = P.copy(), T.copy()
+    positions.flags.writeable = triangles.flags.writeable = False
+    assert np.array_equal(draw(positions, triangles, backend=backend).packed, draw(P, backend=backend).packed)
+
+
+def test_an_empty_batch(backend):
+    v = draw(np.zeros((0, 3, 4), np.float32), backend=backend)
+    assert v.packed.shape == (0, 8, 8) and v.dropped.shape == (0,)
 
 
 def test_another_device(backend):
@@ -203,7 +237,9 @@ def test_triangles_without_positions(backend):
         draw(np.zeros((0, 4), np.float32), backend=backend)
 
 
-@pytest.mark.skipif(not native.available() or sys.platform != "linux", reason="the extension is not built, or memory is counted otherwise")
+@pytest.mark.skipif(
+    not native.available() or sys.platform != "linux", reason="the extension is not built, or memory is counted otherwise"
+)
 def test_more_than_2_to_24_triangles():
     """The last of 2^24 + 1 triangles comes back by its own index; all others have no area. Under 2 GB."""
     import resource

@@ -5,11 +5,13 @@ Each builder's docstring is the case's title and, below it, the reason why it is
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import scenes
-from .mesh import SUBPX, Case, Mesh, mesh_case
+from .mesh import SUBPX, Case, Mesh, f32, mesh_case
 
 HALF = SUBPX // 2
 Points = NDArray[np.int64]
@@ -87,7 +89,7 @@ def shared_edges_through_centres() -> list[Mesh]:
     of the other decides."""
     rng = np.random.default_rng(5)
     height, width = 1080, 1920
-    xy = []
+    xy: list[list[Points]] = []
     while len(xy) < 24:
         p, q = (int(v) for v in rng.integers(-9, 10, 2))
         if np.gcd(p, q) != 1 or p == 0 or q == 0:
@@ -117,7 +119,7 @@ def tiny_triangles() -> list[Mesh]:
     """All 76 triangles with corners at multiples of half a pixel in one pixel.
     A centre inside, on a corner, or on any edge; the bounding box ends on it."""
     lattice = np.array([(x, y) for x in range(3) for y in range(3)]) * HALF
-    xy = []
+    xy: list[Points] = []
     for i in range(9):
         for j in range(i):
             for k in range(j):
@@ -190,7 +192,7 @@ def quads_at_the_origin() -> list[Mesh]:
     for angle in np.arange(12) * 0.19 + 0.1:
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         corners = 256 * turn[[0, 1, 0, 1]] * [[40000], [40000], [-40000], [-40000]] + 128 * SUBPX
-        raw = np.float32(corners).astype(np.float64)[[[0, 1, 2], [0, 2, 3]]]
+        raw = f32(corners).astype(np.float64)[[[0, 1, 2], [0, 2, 3]]]
         meshes.append(Mesh(np.rint(raw).astype(np.int64), (256, 256), np.ones((256, 256), np.bool_), raw, slack=2.0))
     return meshes
 
@@ -229,8 +231,8 @@ def raw_mesh() -> list[Mesh]:
     Neighbours share vertices, not roundings: the common edge must be the same from both sides."""
     rng = np.random.default_rng(19)
     x, y = np.meshgrid(np.linspace(-40, 1960, 14), np.linspace(-30, 1110, 14))
-    vertices = np.float32(np.stack([x, y], -1) + rng.uniform(-30, 30, (14, 14, 2))).astype(np.float64) * SUBPX
-    raw = grid(vertices)  # type: ignore[arg-type]
+    vertices = f32(np.stack([x, y], -1) + rng.uniform(-30, 30, (14, 14, 2))).astype(np.float64) * SUBPX
+    raw: NDArray[Any] = grid(vertices)  # type: ignore[arg-type]
     # Halfway between two sub-pixels clip space would decide which one, not this construction.
     near_tie = np.abs(raw - np.floor(raw) - 0.5) < 0.2
     raw = np.where(near_tie, np.floor(raw), raw)
@@ -259,7 +261,7 @@ MESHES: list[Case] = [
     mesh_case("H11", "thin", slivers_one_subpixel, _EXACT, "tl plane step"),
     mesh_case("H12", "overflow", screen_filling, _EXACT, "step i32"),
     mesh_case("H13", "far", beyond_the_guard_band, _EXACT, "incl strict tl fma plane third step i32"),
-    mesh_case("H15", "far", quads_at_the_origin, _ONCE, "incl strict tl fma plane third step"),
+    mesh_case("H15", "far", quads_at_the_origin, _ONCE, "incl strict tl plane third i32"),
     mesh_case("H16", "sub-pixel", subpixel_mesh, _ONCE, "fixed4"),
     mesh_case("H17", "ties", on_bins, _EXACT, "incl strict third fixed4"),
     mesh_case("H18", "ties", strips_beside_a_column, "exactly 690 px", "incl strict third fixed4"),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .. import scenes, stages
 from .constructions import px
-from .mesh import SUBPX, Backend, Case, clip_space, covered
+from .mesh import SUBPX, Backend, Case, clip_space, covered, f32
 from .rules import soup
 
 Points = NDArray[np.int64]
@@ -123,7 +123,7 @@ def worst(build: Callable[[], Sheet], backend: Backend) -> float:
     return max(_ulps(got, exact) for got, exact in zip(depth[found].tolist(), at.exact, strict=True))
 
 
-def _places(triangle: NDArray[np.int32], spans: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def _places(triangle: NDArray[np.int32], spans: NDArray[np.int32]) -> tuple[Points, Points, Points]:
     """y, x and triangle of every fragment of the spans, in their order."""
     lengths = (spans[:, 3] - spans[:, 2]).astype(np.int64)
     inside = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
@@ -152,7 +152,7 @@ def _naive_worst(build: Callable[[], Sheet]) -> dict[str, int]:
 def _scene(name: str, count: int, width: int = 3840, height: int = 2160) -> Sheet:
     mesh = scenes.pixel_mesh(name, width, height)
     corners = mesh.vertices[mesh.triangles][-count:]
-    return Sheet(np.floor(corners[..., :2] * SUBPX).astype(np.int64), np.float32(2 * corners[..., 2] - 1), (height, width))
+    return Sheet(np.floor(corners[..., :2] * SUBPX).astype(np.int64), f32(2 * corners[..., 2] - 1), (height, width))
 
 
 def screen_filling() -> Sheet:
@@ -178,20 +178,21 @@ def small() -> Sheet:
     Steep slopes times large coordinates."""
     rng = np.random.default_rng(33)
     xy = px(rng.uniform(3300, 3800, (200, 1, 2)) * [1, 0.55] + rng.uniform(-5, 5, (200, 3, 2)))
-    return Sheet(xy, np.float32(rng.uniform(-0.9, 0.9, (200, 3))), (2160, 3840), samples=5)
+    return Sheet(xy, f32(rng.uniform(-0.9, 0.9, (200, 3))), (2160, 3840), samples=5)
 
 
 # --- Depths that should be equal -----------------------------------------------------------------------------------------------
 
 
 @lru_cache(maxsize=1)
-def _twice() -> tuple[Points, Float]:
+def twice() -> tuple[Points, Float]:
+    """The 30 triangles of H34, [30, 3, 2] subpx, and their normalized device depths [30, 3]."""
     rng = np.random.default_rng(34)
-    return rng.integers(0, 600 * SUBPX, (30, 3, 2)), np.float32(rng.uniform(-0.9, 0.9, (30, 3)))
+    return rng.integers(0, 600 * SUBPX, (30, 3, 2)), f32(rng.uniform(-0.9, 0.9, (30, 3)))
 
 
 def _again(backend: Backend) -> int:
-    xy, z = _twice()
+    xy, z = twice()
     turned = [1, 2, 0]
     before, after = (
         fragments(backend, clip_space(xy[:, o], (600, 600), z[:, o]), soup(30), (600, 600)) for o in ([0, 1, 2], turned)
@@ -200,7 +201,7 @@ def _again(backend: Backend) -> int:
 
 
 def _again_naive() -> dict[str, int]:
-    xy, z = _twice()
+    xy, z = twice()
     return {form: sum(int((b < a).sum()) for a, b in map(partial(_both_depths, form), xy, z)) for form in FORMS}
 
 
@@ -213,7 +214,8 @@ def _both_depths(form: str, xy: Points, z: Float) -> tuple[Float, Float]:
 
 def _coplanar() -> list[tuple[Points, Float]]:
     """A quad cut along one diagonal and along the other; its plane is a dyadic fraction, exact in float32 at every centre."""
-    corners = np.array([[10, 7], [211, 47], [190, 207], [-9, 167]]) * SUBPX + 1500 * SUBPX + np.array([[37, 91], [5, 170], [201, 3], [99, 251]])
+    corners = np.array([[1510, 1507], [1711, 1547], [1690, 1707], [1491, 1667]]) * SUBPX
+    corners += np.array([[37, 91], [5, 170], [201, 3], [99, 251]])
     z = ((corners @ np.array([5, 3]) - 2**22) / 2.0**23).astype(_F)  # 24 bits, at pixel centres too
     pairs = ([[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]])
     return [(corners[np.array(pair)], z[np.array(pair)]) for pair in pairs]
@@ -247,7 +249,7 @@ def crossing() -> Sheet:
     x, y = np.moveaxis(xy / SUBPX, -1, 0)
     z = 0.2 + 0.0003 * x - 0.0001 * y
     z[1] += 1e-8 * (x[1] - 250) + 1.5e-8 * (y[1] - 260)
-    return Sheet(xy, np.float32(z), (512, 512))
+    return Sheet(xy, f32(z), (512, 512))
 
 
 @lru_cache(maxsize=1)
@@ -290,10 +292,34 @@ def _error_case(name: str, build: Callable[[], Sheet]) -> Case:
 ERRORS: dict[str, Callable[[], Sheet]] = {"H30": screen_filling, "H31": middle_sized, "H32": slivers, "H33": small}
 DEPTHS: list[Case] = [
     *(_error_case(name, build) for name, build in ERRORS.items()),
-    Case("H34", "depth", "30 triangles, and again with their vertices rotated", "no pixel is nearer the second time",
-         "The same plane, computed from another vertex, rounds differently.", _again, _again_naive, FORMS),
-    Case("H35", "depth", "A quad cut along either diagonal, in a plane that float32 holds exactly", "the same depths, in bits",
-         "Decals and shadows are drawn on such quads.", _diagonals, _diagonals_naive, ("origin",)),
-    Case("H36", "depth", "Two planes that cross, 4000 px along the line", "the nearer one in front wherever float32 can tell",
-         "The difference of the depths is smaller than their errors.", _crossing, _crossing_naive, ("origin", "v0")),
+    Case(
+        "H34",
+        "depth",
+        "30 triangles, and again with their vertices rotated",
+        "no pixel is nearer the second time",
+        "The same plane, computed from another vertex, rounds differently.",
+        _again,
+        _again_naive,
+        FORMS,
+    ),
+    Case(
+        "H35",
+        "depth",
+        "A quad cut along either diagonal, in a plane that float32 holds exactly",
+        "the same depths, in bits",
+        "Decals and shadows are drawn on such quads.",
+        _diagonals,
+        _diagonals_naive,
+        ("origin",),
+    ),
+    Case(
+        "H36",
+        "depth",
+        "Two planes that cross, 4000 px along the line",
+        "the nearer one in front wherever float32 can tell",
+        "The difference of the depths is smaller than their errors.",
+        _crossing,
+        _crossing_naive,
+        ("origin", "v0"),
+    ),
 ]

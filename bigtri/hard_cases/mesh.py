@@ -87,6 +87,11 @@ def clip_space(
     return np.stack([x * w, y * w, z * w, w], axis=-1).reshape(-1, 4).astype(np.float32)
 
 
+def f32(values: Any) -> NDArray[np.float32]:
+    """As a float32 array, each value rounded once."""
+    return np.asarray(values, np.float32)
+
+
 def positive(xy: NDArray[np.int64]) -> NDArray[np.int64]:
     """The triangle [3, 2], its last two vertices swapped if that makes its area positive (clockwise on the screen)."""
     (ax, ay), (bx, by), (cx, cy) = xy.tolist()
@@ -218,9 +223,7 @@ def both_orders(
     return np.asarray(forward), np.where(np.asarray(backward) < 0, -1, len(triangles) - 1 - np.asarray(backward))
 
 
-def coverage_by_triangle(
-    records: Records, spans: NDArray[np.int32], count: int
-) -> Callable[[int, Box], tuple[Mask, int]]:
+def coverage_by_triangle(records: Records, spans: NDArray[np.int32], count: int) -> Callable[[int, Box], tuple[Mask, int]]:
     """By triangle and box: the mask of the box, and how many pixels are covered outside of it or more than once."""
     triangle = records.triangle[spans[:, 0]]
     order = np.argsort(triangle, kind="stable")

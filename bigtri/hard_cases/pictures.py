@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import figure
 from . import constructions, depths, naive
-from .mesh import SUBPX, Backend, Box, Mesh, box_of, clip_space, covered, positive
+from .mesh import SUBPX, Backend, Box, Mesh, box_of, clip_space, covered, f32, positive
 from .rules import soup
 
 Image = NDArray[np.uint8]
@@ -37,8 +37,8 @@ class Picture(NamedTuple):
 class Drawn(NamedTuple):
     """How often each pixel of a window is covered, and by whom last."""
 
-    count: NDArray[np.int64]
-    index: NDArray[np.int64]
+    times: NDArray[np.int64]
+    owner: NDArray[np.int64]
 
 
 def draw_all(folder: Path, progress: Callable[[str], None] = lambda line: None) -> list[Path]:
@@ -58,7 +58,7 @@ def draw_all(folder: Path, progress: Callable[[str], None] = lambda line: None) 
 def _sheet(picture: Picture) -> Image:
     """The three panels side by side, enlarged, titled."""
     import PIL.Image
-    from PIL import ImageDraw
+    from PIL import ImageDraw, ImageFont
 
     panels = [np.repeat(np.repeat(panel, picture.zoom, 0), picture.zoom, 1) for panel in picture.draw(Backend("auto"))]
     height, width = panels[0].shape[:2]
@@ -69,8 +69,8 @@ def _sheet(picture: Picture) -> Image:
     canvas = PIL.Image.fromarray(sheet)
     draw = ImageDraw.Draw(canvas)
     for k, title in enumerate(picture.titles):
-        draw.text((k * (width + _GUTTER), 6), title, fill=(20, 24, 34), font=figure._font(15))
-    draw.text((0, height + _TITLE + 6), picture.note, fill=(70, 76, 90), font=figure._font(14))
+        draw.text((k * (width + _GUTTER), 6), title, fill=(20, 24, 34), font=ImageFont.load_default(15))
+    draw.text((0, height + _TITLE + 6), picture.note, fill=(70, 76, 90), font=ImageFont.load_default(14))
     return np.asarray(canvas)
 
 
@@ -90,7 +90,7 @@ def _draw(mesh: Mesh, window: Box, cover: Callable[[NDArray[np.int64], Box], NDA
 
 
 def _colored(index: NDArray[np.int64]) -> Image:
-    colors = _COLORS[(5 * index + index // 7) % len(_COLORS)]
+    colors = _COLORS[(index + index // 7) % len(_COLORS)]
     return np.where((index >= 0)[..., None], colors, np.array(_BACKGROUND, np.uint8)).astype(np.uint8)
 
 
@@ -115,9 +115,9 @@ def coverage_panels(
         # Where triangles lie above each other by construction, the last one is shown by all.
         drawn = np.asarray(backend.draw(mesh.positions, mesh.triangles[::-1], mesh.resolution).triangle)[y0:y1, x0:x1].astype(int)
         right = _colored(np.where(drawn < 0, -1, len(mesh.xy) - 1 - drawn))
-        left = figure.tint(_colored(plain.index), plain.count > exact.count, _TWICE, 1.0)
-        missing, extra = plain.count < exact.count, plain.count > exact.count
-        return left, right, _marked(right, missing, extra | ((plain.index != exact.index) & ~missing))
+        left = figure.tint(_colored(plain.owner), plain.times > exact.times, _TWICE, 1.0)
+        missing, extra = plain.times < exact.times, plain.times > exact.times
+        return left, right, _marked(right, missing, extra | ((plain.owner != exact.owner) & ~missing))
 
     return draw
 
@@ -127,11 +127,12 @@ def clip_panels(backend: Backend) -> tuple[Image, Image, Image]:
     size = (120, 160)
     floor = np.array([[-2, -1, 3], [2, -1, 3], [2, -1, -9], [-2, -1, -9]], np.float64)
     near, far = 0.1, 20.0
-    clip = np.stack([floor[:, 0], 1.3 * floor[:, 1], -(floor[:, 2] * (far + near) + 2 * far * near) / (far - near), -floor[:, 2]], 1)
-    positions = clip.astype(np.float32)
+    z = -(floor[:, 2] * (far + near) + 2 * far * near) / (far - near)
+    positions = np.stack([floor[:, 0], 1.3 * floor[:, 1], z, -floor[:, 2]], 1).astype(np.float32)
     triangles = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     drawn = np.asarray(backend.draw(positions, triangles, size).triangle).astype(int)
-    screen = positions[:, :2] / positions[:, 3:] * np.float32([size[1] / 2, -size[0] / 2]) + np.float32([size[1] / 2, size[0] / 2])
+    middle = f32([size[1] / 2, size[0] / 2])
+    screen = positions[:, :2] / positions[:, 3:] * middle * f32([1, -1]) + middle
     plain = np.full(size, -1)
     for t, triangle in enumerate(triangles):
         xy = np.rint(screen[triangle].astype(np.float64) * SUBPX).astype(np.int64)
@@ -157,13 +158,13 @@ def far_fan() -> list[Mesh]:
 
 def depth_panels(backend: Backend) -> tuple[Image, Image, Image]:
     """A triangle drawn twice, the second time from another vertex: where LESS lets the second one through."""
-    size, (x0, y0, x1, y1) = (600, 600), (250, 250, 356, 330)
-    xy, z = constructions.px([[40, 60], [590, 210], [180, 570]]), np.float32([-0.75, 0.55, 0.1])
+    size, (x0, y0, x1, y1) = (600, 600), (159, 120, 265, 200)
+    xy, z = (values[22] for values in depths.twice())
     orders = ([0, 1, 2], [1, 2, 0])
     drawn = [depths.fragments(backend, clip_space(xy[o], size, z[o]), soup(1), size)[0, y0:y1, x0:x1] for o in orders]
     y, x = np.mgrid[y0:y1, x0:x1].astype(np.float32) + np.float32(0.5)
     window = z * np.float32(0.5) + np.float32(0.5)
-    pairs = [depths.naive_depth("origin", xy[o], window[o], x, y) for o in orders]
+    pairs = [depths.naive_depth("barycentric", xy[o], window[o], x, y) for o in orders]
     plain, exact = (pairs[1] < pairs[0]).astype(int), (drawn[1] < drawn[0]).astype(int)
     right = _colored(exact)
     return _colored(plain), right, _marked(right, np.zeros(plain.shape, np.bool_), plain != exact)
@@ -175,19 +176,56 @@ def _picture(name: str, how: str, note: str, draw: Callable[[Backend], tuple[Ima
 
 _PINK = "Pink: missing. Yellow: drawn too often, or by the wrong triangle."
 PICTURES: list[Picture] = [
-    _picture("ties", "float32, all barycentrics > 0", f"H02: 24 spokes through pixel centres. {_PINK}",
-             coverage_panels(constructions.fan_through_centres, "strict", (86, 98, 172, 160)), 5),
-    _picture("contraction", "float32 with top-left rule, compiled with FMA", f"H05: shared edges through pixel centres. {_PINK}",
-             coverage_panels(one_pair, "fma", (1100, 395, 1186, 457)), 5),
-    _picture("thin", "float32 with top-left rule, compiled with FMA", f"H10: 400 needles around a pixel centre. {_PINK}",
-             coverage_panels(constructions.needles, "fma", (315, 363, 401, 425)), 5),
-    _picture("far", "float32 with top-left rule", f"A fan from an apex 3.5 million pixels away. {_PINK}",
-             coverage_panels(far_fan, "tl", (0, 0, 86, 62)), 5),
-    _picture("overflow", "top-left rule, int32 products", f"H12: triangles as large as the screen. {_PINK}",
-             coverage_panels(constructions.screen_filling, "i32", (0, 0, 430, 310)), 1),
-    _picture("subpixel", "exact, vertices rounded to 1/16 px", f"H16: 3200 triangles smaller than a pixel. {_PINK}",
-             coverage_panels(constructions.subpixel_mesh, "fixed4", (0, 0, 19, 18)), 22),
-    _picture("clipping", "float32, divided by w without clipping", f"A floor that passes under the camera. {_PINK}", clip_panels, 3),
-    _picture("depth", "float32, A x + B y + C", "H34: a triangle drawn twice, the second time from another vertex. "
-             "Light: the second one is nearer, by a rounding error.", depth_panels, 4),
+    _picture(
+        "ties",
+        "float32, all barycentrics > 0",
+        f"H02: 24 spokes through pixel centres. {_PINK}",
+        coverage_panels(constructions.fan_through_centres, "strict", (86, 98, 172, 160)),
+        5,
+    ),
+    _picture(
+        "contraction",
+        "float32 with top-left rule, compiled with FMA",
+        f"H05: shared edges through pixel centres. {_PINK}",
+        coverage_panels(one_pair, "fma", (1100, 395, 1186, 457)),
+        5,
+    ),
+    _picture(
+        "thin",
+        "float32 with top-left rule, compiled with FMA",
+        f"H10: 400 needles around a pixel centre. {_PINK}",
+        coverage_panels(constructions.needles, "fma", (315, 363, 401, 425)),
+        5,
+    ),
+    _picture(
+        "far",
+        "float32 with top-left rule",
+        f"A fan from an apex 3.5 million pixels away. {_PINK}",
+        coverage_panels(far_fan, "tl", (0, 0, 86, 62)),
+        5,
+    ),
+    _picture(
+        "overflow",
+        "top-left rule, int32 products",
+        f"H12: triangles as large as the screen. {_PINK}",
+        coverage_panels(constructions.screen_filling, "i32", (0, 0, 430, 310)),
+        1,
+    ),
+    _picture(
+        "subpixel",
+        "exact, vertices rounded to 1/16 px",
+        f"H16: 3200 triangles smaller than a pixel. {_PINK}",
+        coverage_panels(constructions.subpixel_mesh, "fixed4", (0, 0, 19, 18)),
+        22,
+    ),
+    _picture(
+        "clipping", "float32, divided by w without clipping", f"A floor that passes under the camera. {_PINK}", clip_panels, 3
+    ),
+    _picture(
+        "depth",
+        "float32, barycentric sum",
+        "H34: a triangle drawn twice, the second time from another vertex. Light: the second one is nearer, by a rounding error.",
+        depth_panels,
+        4,
+    ),
 ]

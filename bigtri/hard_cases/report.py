@@ -87,11 +87,11 @@ def table(rows: Sequence[Row]) -> str:
     """As text, in columns."""
     lines = [HEADER, *(_cells(row) for row in rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(HEADER))]
-    right = range(4, len(HEADER))
-    return "\n".join(
-        "  ".join(cell.rjust(w) if i in right else cell.ljust(w) for i, (cell, w) in enumerate(zip(line, widths, strict=True))).rstrip()
+    padded = [
+        [cell.rjust(w) if i >= 4 else cell.ljust(w) for i, (cell, w) in enumerate(zip(line, widths, strict=True))]
         for line in lines
-    )
+    ]
+    return "\n".join("  ".join(line).rstrip() for line in padded)
 
 
 def markdown(rows: Sequence[Row]) -> str:
@@ -114,7 +114,8 @@ def as_csv(rows: Sequence[Row]) -> str:
         c = row.case
         counts = [row.careful, row.fused, row.worst, row.worst_variant, row.int32, row.fixed4]
         for backend, wrong in row.bigtri.items():
-            out.writerow([c.name, c.family, c.title, c.invariant, c.unit, *("" if n is None else n for n in counts), backend, wrong])
+            known = ["" if n is None else n for n in counts]
+            out.writerow([c.name, c.family, c.title, c.invariant, c.unit, *known, backend, wrong])
     return text.getvalue()
 
 

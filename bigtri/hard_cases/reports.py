@@ -8,7 +8,7 @@ import numpy as np
 
 from ..interpolate import barycentrics
 from .constructions import HALF, quad, rectangle, slivers_one_subpixel
-from .mesh import SUBPX, Backend, Case, Mesh, clip_space, coverage_by_triangle, mesh_case
+from .mesh import SUBPX, Backend, Case, Mesh, clip_space, coverage_by_triangle, f32, mesh_case
 from .rules import Positions, projected_case, soup
 from .structure import NOTHING
 
@@ -32,7 +32,7 @@ def _room(backend: Backend) -> int:
         drawn = coverage_by_triangle(records, backend.spans(records), len(triangles))
         parts = [drawn(t, (0, 0, width, height)) for t in range(len(triangles))]
         image = np.asarray(backend.draw(positions, triangles, (height, width)).triangle)
-        wrong += int((sum(mask.astype(int) for mask, _ in parts) != 1).sum()) + sum(more for _, more in parts)
+        wrong += int(np.count_nonzero(sum(mask.astype(int) for mask, _ in parts) != 1)) + sum(more for _, more in parts)
         wrong += int((image < 0).sum())
     return wrong
 
@@ -51,7 +51,7 @@ def _weights(backend: Backend) -> int:
     resolution, wrong = (100, 120), 0
     xy = rng.uniform(-20 * SUBPX, 120 * SUBPX, (60, 3, 2))
     xy[::2, 2] = xy[::2, 1] + rng.uniform(-300, 300, (30, 2))
-    w = np.float32(10.0 ** rng.uniform(-2, 2, (60, 3)))
+    w = f32(10.0 ** rng.uniform(-2, 2, (60, 3)))
     for t in range(60):
         positions = clip_space(xy[t], resolution, 0.0, w[t])
         drawn = backend.draw(positions, soup(1), resolution)
@@ -64,7 +64,7 @@ def _weights(backend: Backend) -> int:
 def _thin_weights(backend: Backend) -> int:
     """NaN, infinity or a number outside of [0, 1] in the weights and depths of slivers 1/256 px wide."""
     mesh = slivers_one_subpixel()[0]
-    w = np.float32(np.random.default_rng(460).uniform(0.5, 2, mesh.xy.shape[:2]))
+    w = f32(np.random.default_rng(460).uniform(0.5, 2, mesh.xy.shape[:2]))
     positions = clip_space(mesh.xy, mesh.resolution, 0.5, w)
     drawn = backend.draw(positions, mesh.triangles, mesh.resolution)
     weights = np.asarray(barycentrics(drawn, positions, mesh.triangles, backend=backend.name))
@@ -164,22 +164,64 @@ def _case(name: str, family: str, title: str, invariant: str, wrong: object, rea
 
 
 REPORTS: list[Case] = [
-    _case("nvdiffrast-225", "clipping", "A box of 12 triangles from inside, 40 cameras close to its walls", "each pixel exactly once",
-          _room, "The case reported as nvdiffrast issue 225: black dots at the seams of large, clipped triangles."),
+    _case(
+        "nvdiffrast-225",
+        "clipping",
+        "A box of 12 triangles from inside, 40 cameras close to its walls",
+        "each pixel exactly once",
+        _room,
+        "The case reported as nvdiffrast issue 225: black dots at the seams of large, clipped triangles.",
+    ),
     mesh_case("nvdiffrast-132", "far", large_image, "each pixel exactly once", "i32"),
-    _case("nvdiffrast-229", "attributes", "Weights of 60 triangles, every other one a sliver", "each in [0, 1], their sum within 1 ulp of 1",
-          _weights, "The case reported as nvdiffrast issue 229: u + v > 1."),
+    _case(
+        "nvdiffrast-229",
+        "attributes",
+        "Weights of 60 triangles, every other one a sliver",
+        "each in [0, 1], their sum within 1 ulp of 1",
+        _weights,
+        "The case reported as nvdiffrast issue 229: u + v > 1.",
+    ),
     projected_case("pytorch3d-345", "clipping", floor_under_the_camera, "incl strict tl"),
-    _case("pytorch3d-348", "capacity", "45000 triangles in one bin", "each pixel exactly once",
-          _many_in_a_bin, "The case reported as pytorch3d issue 348: more triangles in a bin than its list holds; the rest is lost."),
+    _case(
+        "pytorch3d-348",
+        "capacity",
+        "45000 triangles in one bin",
+        "each pixel exactly once",
+        _many_in_a_bin,
+        "The case reported as pytorch3d issue 348: more triangles in a bin than its list holds; the rest is lost.",
+    ),
     mesh_case("pytorch3d-439", "ties", square_of_four, "each pixel exactly once", "incl strict third"),
-    _case("pytorch3d-448", "capacity", "A bumpy sheet of 12482 triangles, its depth image", "no hole, no NaN",
-          _depth_image, "The case reported as pytorch3d issue 448: a depth image with holes."),
-    _case("pytorch3d-460", "attributes", "Weights and depths of 100 slivers 1/256 px wide", "finite, in [0, 1], constant depth exact",
-          _thin_weights, "The case reported as pytorch3d issue 460: NaN in one pixel of a face that is nearly a line."),
-    _case("keeperfx-4668", "overflow", "12 triangles of up to 90000 px at 2560 x 1440", "guard words untouched, the middle right",
-          _overflow, "The case reported as keeperfx pull request 4668: 16.16 fixed point wraps, and the write lands elsewhere."),
-    _case("mame-15712", "input", "100 triangles of NaN", "nothing drawn, all counted, within seconds",
-          _not_a_number, "The case reported as mame pull request 15712: NaN becomes INT_MIN, and a line 2^31 px long."),
+    _case(
+        "pytorch3d-448",
+        "capacity",
+        "A bumpy sheet of 12482 triangles, its depth image",
+        "no hole, no NaN",
+        _depth_image,
+        "The case reported as pytorch3d issue 448: a depth image with holes.",
+    ),
+    _case(
+        "pytorch3d-460",
+        "attributes",
+        "Weights and depths of 100 slivers 1/256 px wide",
+        "finite, in [0, 1], constant depth exact",
+        _thin_weights,
+        "The case reported as pytorch3d issue 460: NaN in one pixel of a face that is nearly a line.",
+    ),
+    _case(
+        "keeperfx-4668",
+        "overflow",
+        "12 triangles of up to 90000 px at 2560 x 1440",
+        "guard words untouched, the middle right",
+        _overflow,
+        "The case reported as keeperfx pull request 4668: 16.16 fixed point wraps, and the write lands elsewhere.",
+    ),
+    _case(
+        "mame-15712",
+        "input",
+        "100 triangles of NaN",
+        "nothing drawn, all counted, within seconds",
+        _not_a_number,
+        "The case reported as mame pull request 15712: NaN becomes INT_MIN, and a line 2^31 px long.",
+    ),
     mesh_case("datashader-1494", "ties", two_diamonds, "equals exact integer coverage", "incl strict third"),
 ]

@@ -12,7 +12,20 @@ from .. import stages
 from ..reference import brute_force
 from . import naive
 from .constructions import HALF, px
-from .mesh import SUBPX, Backend, Box, Case, Mesh, bigtri_wrong, box_of, clip_space, coverage_by_triangle, covered, naive_wrong, positive
+from .mesh import (
+    SUBPX,
+    Backend,
+    Case,
+    Mesh,
+    bigtri_wrong,
+    box_of,
+    clip_space,
+    coverage_by_triangle,
+    covered,
+    f32,
+    naive_wrong,
+    positive,
+)
 
 Points = NDArray[np.int64]
 Positions = NDArray[np.float32]
@@ -64,7 +77,8 @@ def _projected_naive(build: Callable[[], tuple[Positions, tuple[int, int]]]) -> 
     positions, (height, width) = build()
     wrong = dict.fromkeys(naive.VARIANTS, 0)
     with np.errstate(all="ignore"):
-        screen = positions[:, :2] / positions[:, 3:] * np.float32([width / 2, -height / 2]) + np.float32([width / 2, height / 2])
+        middle = f32([width / 2, height / 2])
+        screen = positions[:, :2] / positions[:, 3:] * middle * f32([1, -1]) + middle
         for corners, side in zip((screen.astype(np.float64) * SUBPX).reshape(-1, 3, 2), true_sides(build), strict=True):
             area = np.linalg.det(corners[1:] - corners[0])
             turned = corners if area >= 0 else corners[[0, 2, 1]]
@@ -119,7 +133,7 @@ def _naive_same(change: Callable[[Points], Points], shift: tuple[int, int] = (0,
         other = change(xy)
         for name in naive.VARIANTS:
             before, after = naive.coverage(name, positive(xy), box), naive.coverage(name, positive(other), moved)
-            wrong[name] += int((before != after).sum())
+            wrong[name] += int(np.count_nonzero(before != after))
         wrong["fixed4"] += int((covered(naive.fixed4(xy), box) != covered(naive.fixed4(other), moved)).sum())
     return wrong
 
@@ -137,14 +151,14 @@ def _translated(backend: Backend) -> int:
     after = backend.draw(_deep(tie_triangles() + shift * SUBPX, resolution), soup(count), resolution).packed
     expected = np.full_like(before, 2**63 - 1)
     expected[1024:, 2048:] = before[:1024, :2048]
-    return int((after != expected).sum())
+    return int(np.count_nonzero(after != expected))
 
 
 def _reordered(order: tuple[int, int, int], backend: Backend) -> int:
     positions = _deep(tie_triangles(), (1024, 1024))
     triangles = soup(len(tie_triangles()))
     before, after = (backend.draw(positions, t, (1024, 1024)).packed for t in (triangles, triangles[:, order]))
-    return int((before != after).sum())
+    return int(np.count_nonzero(before != after))
 
 
 def midpoints() -> list[Mesh]:
@@ -253,30 +267,84 @@ def _large_ids(backend: Backend) -> int:
     return wrong
 
 
-
 RULES: list[Case] = [
     projected_case("H14", "far", astronomic, "incl strict tl plane third step"),
-    Case("H21", "invariance", "80 triangles moved by (2048, 1024) px", "a shift of the image, in bits",
-         "Coordinates that grow lose bits that they had.", _translated,
-         partial(_naive_same, lambda xy: xy + np.array([2048, 1024]) * SUBPX, (2048, 1024)), ("plane",)),
-    Case("H22", "invariance", "80 triangles, vertices in the order 1, 2, 0", "the same image, in bits",
-         "A method that treats one vertex differently lets the order decide.", partial(_reordered, (1, 2, 0)),
-         partial(_naive_same, lambda xy: xy[[1, 2, 0]]), ("third",)),
-    Case("H23", "invariance", "80 triangles, vertices in the order 0, 2, 1", "the same image, in bits",
-         "Both faces are drawn, so the winding must not matter.", partial(_reordered, (0, 2, 1)),
-         partial(_naive_same, lambda xy: xy[[0, 2, 1]])),
-    Case("H24", "ties", "10 triangles cut at the midpoints of their edges", "the four parts are the whole, each pixel once",
-         "The inner edges pass through pixel centres with other end points than the outer ones.", partial(bigtri_wrong, midpoints),
-         partial(naive_wrong, midpoints), ("incl", "strict", "fma", "plane", "third")),
-    Case("H25", "clipping", "1000 edges cut by the near plane, seen from both sides", "the new vertices are equal in bits",
-         "Neighbours walk a common edge in opposite directions; an interpolation rounds differently each way.",
-         _clipped_edges, _clipped_edges_naive, ("f32",), "edges"),
+    Case(
+        "H21",
+        "invariance",
+        "80 triangles moved by (2048, 1024) px",
+        "a shift of the image, in bits",
+        "Coordinates that grow lose bits that they had.",
+        _translated,
+        partial(_naive_same, lambda xy: xy + np.array([2048, 1024]) * SUBPX, (2048, 1024)),
+        ("plane",),
+    ),
+    Case(
+        "H22",
+        "invariance",
+        "80 triangles, vertices in the order 1, 2, 0",
+        "the same image, in bits",
+        "A method that treats one vertex differently lets the order decide.",
+        partial(_reordered, (1, 2, 0)),
+        partial(_naive_same, lambda xy: xy[[1, 2, 0]]),
+        ("third",),
+    ),
+    Case(
+        "H23",
+        "invariance",
+        "80 triangles, vertices in the order 0, 2, 1",
+        "the same image, in bits",
+        "Both faces are drawn, so the winding must not matter.",
+        partial(_reordered, (0, 2, 1)),
+        partial(_naive_same, lambda xy: xy[[0, 2, 1]]),
+    ),
+    Case(
+        "H24",
+        "ties",
+        "10 triangles cut at the midpoints of their edges",
+        "the four parts are the whole, each pixel once",
+        "The inner edges pass through pixel centres with other end points than the outer ones.",
+        partial(bigtri_wrong, midpoints),
+        partial(naive_wrong, midpoints),
+        ("incl", "strict", "fma", "third"),
+    ),
+    Case(
+        "H25",
+        "clipping",
+        "1000 edges cut by the near plane, seen from both sides",
+        "the new vertices are equal in bits",
+        "Neighbours walk a common edge in opposite directions; an interpolation rounds differently each way.",
+        _clipped_edges,
+        _clipped_edges_naive,
+        ("f32",),
+        "edges",
+    ),
     projected_case("H26", "clipping", behind_the_camera, "incl strict tl fma plane third step"),
-    Case("H27", "input", "NaN and infinities in 20 of 30 triangles", "these are dropped and counted, the others as if alone",
-         "A NaN converted to an integer is anything, often the smallest one there is.", _not_finite),
-    Case("H28", "depth", "Depths -0, 1e-45, 1e-38, 0.5 and 1 in every order", "the smallest wins; -0 is 0",
-         "As bits, -0 is behind everything; flushed to zero, denormals are all equal.", _keys),
-    Case("H29", "input", "Triangle indices around 2^24 and 2^31", "each comes back as it was",
-         "Stored as a float32, 16777217 becomes 16777216. Reported as nvdiffrast issue 136.", _large_ids,
-         lambda: {"f32": sum(int(np.float32(i)) != i for i in _INDICES)}, ("f32",), "indices"),
+    Case(
+        "H27",
+        "input",
+        "NaN and infinities in 20 of 30 triangles",
+        "these are dropped and counted, the others as if alone",
+        "A NaN converted to an integer is anything, often the smallest one there is.",
+        _not_finite,
+    ),
+    Case(
+        "H28",
+        "depth",
+        "Depths -0, 1e-45, 1e-38, 0.5 and 1 in every order",
+        "the smallest wins; -0 is 0",
+        "As bits, -0 is behind everything; flushed to zero, denormals are all equal.",
+        _keys,
+    ),
+    Case(
+        "H29",
+        "input",
+        "Triangle indices around 2^24 and 2^31",
+        "each comes back as it was",
+        "Stored as a float32, 16777217 becomes 16777216. Reported as nvdiffrast issue 136.",
+        _large_ids,
+        lambda: {"f32": sum(int(np.float32(i)) != i for i in _INDICES)},
+        ("f32",),
+        "indices",
+    ),
 ]
