@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import scenes, stages
-from .constructions import px
+from ..reference import brute_force
+from .constructions import px, slivers_one_subpixel
 from .mesh import SUBPX, Backend, Case, clip_space, covered, f32
 from .rules import soup
 
@@ -181,6 +182,18 @@ def small() -> Sheet:
     return Sheet(xy, f32(rng.uniform(-0.9, 0.9, (200, 3))), (2160, 3840), samples=5)
 
 
+def thinnest() -> Sheet:
+    """21 slivers thinner than 1/16 px, one with an area of one square sub-pixel.
+    A plane's slopes cancel, even in float64; each pixel must be a weighted mean of the corners instead."""
+    rng = np.random.default_rng(48)
+    xy = np.concatenate([[_AREA_OF_ONE], slivers_one_subpixel()[0].xy[:20]])
+    z = np.concatenate([[[0.70698, 2.01e-7, 0.87113]], rng.uniform(0.05, 0.95, (20, 3))])
+    return Sheet(xy, f32(2 * z - 1), (1080, 1920))
+
+
+_AREA_OF_ONE = np.array([(2077075, -3530219), (-1924755, 3653355), (3006222, -5198105)])  # subpx
+
+
 # --- Depths that should be equal -----------------------------------------------------------------------------------------------
 
 
@@ -242,6 +255,22 @@ def _diagonals_naive() -> dict[str, int]:
     return result
 
 
+def _halfway(backend: Backend) -> int:
+    """Pixels whose depth is not, in bits, what the specification's float64 operations give."""
+    rng = np.random.default_rng(47)
+    size, wrong = (512, 512), 0
+    for _ in range(6):
+        corners = 2 * rng.integers(0, 256 * SUBPX, (3, 2)) + [1, 0]
+        # p x + q y + odd: even at these corners, 24 bits; odd at pixel centres, 25 bits: halfway between two float32.
+        z = f32((corners @ (2 * rng.integers(-16, 16, 2) + 1) + 2**23 + 1) / 2.0**24)
+        positions = clip_space(corners, size, z)
+        records, _ = brute_force.records(positions, soup(1), *size)
+        image = fragments(backend, positions, soup(1), size)[0]
+        places = np.argwhere(~np.isnan(image))[::7].tolist()
+        wrong += sum(brute_force.depth(records[0], x, y) != float(image[y, x]) for y, x in places)
+    return wrong
+
+
 def crossing() -> Sheet:
     """Two planes that cross in a line through the screen.
     Along the line the depths are nearly equal, and a rounding error decides which one is in front."""
@@ -289,7 +318,13 @@ def _error_case(name: str, build: Callable[[], Sheet]) -> Case:
     return Case(name, "depth", title.rstrip("."), "at most 0.5 ulp from the exact depth", text, wrong, plain, FORMS, "ulp")
 
 
-ERRORS: dict[str, Callable[[], Sheet]] = {"H30": screen_filling, "H31": middle_sized, "H32": slivers, "H33": small}
+ERRORS: dict[str, Callable[[], Sheet]] = {
+    "H30": screen_filling,
+    "H31": middle_sized,
+    "H32": slivers,
+    "H33": small,
+    "H48": thinnest,
+}
 DEPTHS: list[Case] = [
     *(_error_case(name, build) for name, build in ERRORS.items()),
     Case(
@@ -321,5 +356,13 @@ DEPTHS: list[Case] = [
         _crossing,
         _crossing_naive,
         ("origin", "v0"),
+    ),
+    Case(
+        "H47",
+        "depth",
+        "Depths halfway between two float32, in six triangles over many cells",
+        "the bits that docs/numerics.md gives",
+        "Which way a tie is rounded depends on every operation, and on where the plane starts.",
+        _halfway,
     ),
 ]

@@ -204,7 +204,25 @@ def _clipped_edges(backend: Backend) -> int:
         ends[triangle] |= {(*xy, z, w) for xy, z, w in corners_of}
     pairs = zip(ends[: len(corners)], ends[len(corners) :], strict=True)
     # Q and the new vertex are common to both. A triangle seen edge-on has no record, and so no vertex to compare.
-    return sum(1 for a, b in pairs if a and b and len(a & b) < 2)
+    wrong = sum(1 for a, b in pairs if a and b and len(a & b) < 2)
+    # The two new vertices lie on the near plane: depth 0, not a rounding error before or behind it.
+    return wrong + sum(1 for vertices in ends if vertices and sum(z == 0 for *_, z, _ in vertices) != 2)
+
+
+def _many_planes(backend: Backend) -> int:
+    """Record fields that differ in bits from the scalar oracle's, of triangles cut by near and by guard planes at once."""
+    rng = np.random.default_rng(49)
+    corners = rng.normal(size=(300, 3, 4)) * [1, 1, 1, 0]
+    corners[..., :2] *= 10.0 ** rng.uniform(0, 6, (300, 3, 1))
+    corners[..., 3] = rng.uniform(-0.5, 1.5, (300, 3))
+    positions = corners.reshape(-1, 4).astype(np.float32)
+    records = backend.setup(positions, soup(300), (200, 300))
+    expected, _ = brute_force.records(positions, soup(300), 200, 300)
+    wrong = abs(len(expected) - len(records.triangle)) + (len(expected) < 100)
+    for name in ("triangle", "xy", "z", "w", "weights"):
+        fields = zip(getattr(records, name), (np.asarray(getattr(e, name)) for e in expected), strict=False)
+        wrong += sum(not np.array_equal(got, want) for got, want in fields)
+    return wrong
 
 
 def _clipped_edges_naive() -> dict[str, int]:
@@ -312,7 +330,7 @@ RULES: list[Case] = [
         "H25",
         "clipping",
         "1000 edges cut by the near plane, seen from both sides",
-        "the new vertices are equal in bits",
+        "the new vertices are equal in bits, at depth 0",
         "Neighbours walk a common edge in opposite directions; an interpolation rounds differently each way.",
         _clipped_edges,
         _clipped_edges_naive,
@@ -346,5 +364,14 @@ RULES: list[Case] = [
         lambda: {"f32": sum(int(np.float32(i)) != i for i in _INDICES)},
         ("f32",),
         "indices",
+    ),
+    Case(
+        "H49",
+        "clipping",
+        "300 triangles cut by the near plane and by guard planes at once",
+        "equals the scalar oracle in bits",
+        "A vertex made by two planes must lie on both: exactly at depth 0, exactly at the end of the guard band.",
+        _many_planes,
+        unit="fields",
     ),
 ]
