@@ -232,7 +232,6 @@ def ends_that_cancel(rng: np.random.Generator) -> NDArray[np.float32]:
     return np.array([[-b * 2.0**42, 0.1, p, d * unit - p], [a * 2.0**22, 0.2, -q, q - c * unit]], np.float32)
 
 
-@pytest.mark.xfail(strict=True, reason="the new vertex sums rounded products whose sum cancels; numerics.md 2.1")
 def test_the_picture_is_the_true_one_where_the_ends_of_an_edge_cancel() -> None:
     """Found by construction: the new vertex is up to half a screen off, since its terms are rounded before they cancel."""
     rng = np.random.default_rng(29)
@@ -245,7 +244,6 @@ def test_the_picture_is_the_true_one_where_the_ends_of_an_edge_cancel() -> None:
         assert not wrong, (wrong, corners.tolist())
 
 
-@pytest.mark.xfail(strict=True, reason="the new vertex sums rounded products whose sum cancels; numerics.md 2.1")
 def test_the_picture_is_the_true_one_where_a_vertex_lies_on_the_near_plane() -> None:
     """Found among simple numbers: an edge from a vertex exactly on the near plane to one behind the eye and far to the side.
 

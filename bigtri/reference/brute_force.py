@@ -152,7 +152,13 @@ def _meet(p: _Vertex, q: _Vertex, plane: Plane) -> tuple[Vector, Vector]:
     dp, dq = _distance(plane, p.position), _distance(plane, q.position)
     _, exponent = frexp(abs(dp) + abs(dq))
     v, u = p.position, q.position
-    position = [a * (u[k] * v[i] - u[i] * v[k]) + b * (u[k] * v[j] - u[j] * v[k]) for k in range(4)]
+    # The products are rounded (of float32 components they are exact), their sum is exact, and rounded once.
+    position = [
+        float(
+            Fraction(a) * (Fraction(u[k] * v[i]) - Fraction(u[i] * v[k])) + Fraction(b) * (Fraction(u[k] * v[j]) - Fraction(u[j] * v[k]))
+        )
+        for k in range(4)
+    ]
     weights = [abs(dq) * x + abs(dp) * y for x, y in zip(p.weights, q.weights, strict=True)]
     return tuple(ldexp(c if dp >= 0 else -c, -exponent) for c in position), tuple(ldexp(c, -exponent) for c in weights)
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .exact import rounded_sum, two_product, two_sum
 from .numerics import GUARD, HALF
 
 X, Y, Z, W = range(4)
@@ -157,11 +158,13 @@ def _meet(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Position [M, 4] and weights [M, 3] of the points where the plane cuts the lines from p to q [M, 4].
 
-    The point is |dq| * p + |dp| * q with the distances dp and dq written out, so that what cancels does so before it is rounded:
-    products of two float32 components are exact. No interpolation p + (q - p) * t comes close where p and q differ by more than
-    float64's 53 bits. Swapping p and q negates every difference exactly, so the point is the same for either direction.
+    The point is |dq| * p + |dp| * q with the distances dp and dq written out: a sum of four products that may cancel completely, so it
+    is rounded once, at the end. Swapping p and q negates it exactly, so the point is the same for either direction.
     """
-    position = plane.a * (q * p[:, [plane.p]] - q[:, [plane.p]] * p) + plane.b * (q * p[:, [plane.q]] - q[:, [plane.q]] * p)
+    across_p, across_q = (two_sum(q * p[:, [k]], -(q[:, [k]] * p)) for k in (plane.p, plane.q))  # products of float32 are exact
+    coefficients = [np.full_like(q, plane.a)] * 2 + [np.full_like(q, plane.b)] * 2
+    products = [two_product(c, part) for c, part in zip(coefficients, across_p + across_q, strict=True)]
+    position = rounded_sum([term for product in products for term in product])
     dp, dq = plane.distance(p)[:, None], plane.distance(q)[:, None]
     position = np.where(dp < 0, -position, position)
     weights = np.abs(dq) * weights_p + np.abs(dp) * weights_q

@@ -1,6 +1,7 @@
 // Homogeneous clipping in float64; docs/numerics.md 2.1. Mirrors bigtri/reference/clip.py.
 #pragma once
 
+#include "exact.h"
 #include "numerics.h"
 
 namespace bigtri {
@@ -48,8 +49,17 @@ BIGTRI_HD double reciprocal_scale(double v) {
   return bits_double((uint64_t)(1023 - k) << 52);
 }
 
-// The vertex where the plane cuts the polygon edge from a to b, which it separates: |dq| * p + |dp| * q with the distances written out, so that what cancels does so
-// before it is rounded. Symmetric in p and q, bit for bit.
+// a * (v * u_p - v_p * u) + b * (v * u_q - v_q * u): the products are rounded (of float32 components they are exact), their sum is exact, and rounded once.
+BIGTRI_HD double meet(const Plane& plane, const double u[4], const double v[4], int i) {
+  double across[4], terms[8];
+  two_sum(v[i] * u[plane.p], -(v[plane.p] * u[i]), &across[0], &across[1]);
+  two_sum(v[i] * u[plane.q], -(v[plane.q] * u[i]), &across[2], &across[3]);
+  for (int k = 0; k < 4; ++k) two_product(k < 2 ? plane.a : plane.b, across[k], &terms[2 * k], &terms[2 * k + 1]);
+  return rounded_sum<8>(terms);
+}
+
+// The vertex where the plane cuts the polygon edge from a to b, which it separates: |dq| * p + |dp| * q with the distances written out, a sum that may cancel completely.
+// Symmetric in p and q, bit for bit.
 BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVertex slots[3], const ClipVertex& a, const ClipVertex& b) {
   ClipVertex n;
   n.edges = a.edges & b.edges;
@@ -73,7 +83,7 @@ BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVer
   const double abs_p = dp < 0 ? -dp : dp, abs_q = dq < 0 ? -dq : dq;
   const double scale = reciprocal_scale(abs_p + abs_q);
   for (int i = 0; i < 4; ++i) {
-    const double t = plane.a * (v[i] * u[plane.p] - v[plane.p] * u[i]) + plane.b * (v[i] * u[plane.q] - v[plane.q] * u[i]);
+    const double t = meet(plane, u, v, i);
     n.position[i] = (dp < 0 ? -t : t) * scale;
   }
   for (int i = 0; i < 3; ++i) n.weights[i] = (abs_q * p->weights[i] + abs_p * q->weights[i]) * scale;
