@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .. import scenes, stages
 from ..reference import brute_force
-from .constructions import px, slivers_one_subpixel
+from .constructions import px
 from .mesh import SUBPX, Backend, Case, clip_space, covered, f32
 from .rules import soup
 
@@ -70,7 +70,9 @@ def exact_depth(xy: Points, z: Float, x: int, y: int) -> Fraction:
 
 
 def _ulps(got: float, exact: Fraction) -> float:
-    """The error in units in the last place of the float32 nearest to the exact value."""
+    """The error in units in the last place of the float32 nearest to the exact value; 2^31 if there is no number at all."""
+    if not np.isfinite(got):
+        return 2.0**31
     return float(abs(Fraction(got) - exact) / Fraction(float(np.spacing(_F(float(exact))))))
 
 
@@ -183,15 +185,19 @@ def small() -> Sheet:
 
 
 def thinnest() -> Sheet:
-    """21 slivers thinner than 1/16 px, one with an area of one square sub-pixel.
+    """40 slivers up to 10,000 px long with an area of 1.5 square sub-pixels, around one pixel centre each.
     A plane's slopes cancel, even in float64; each pixel must be a weighted mean of the corners instead."""
     rng = np.random.default_rng(48)
-    xy = np.concatenate([[_AREA_OF_ONE], slivers_one_subpixel()[0].xy[:20]])
-    z = np.concatenate([[[0.70698, 2.01e-7, 0.87113]], rng.uniform(0.05, 0.95, (20, 3))])
-    return Sheet(xy, f32(2 * z - 1), (1080, 1920))
-
-
-_AREA_OF_ONE = np.array([(2077075, -3530219), (-1924755, 3653355), (3006222, -5198105)])  # subpx
+    xy: list[Points] = []
+    while len(xy) < 40:
+        p, q = (int(v) for v in rng.integers(10**5, 10**6, 2))
+        if np.gcd(p, q) == 1:
+            # p s - q r = 1: with the corners c + (p, q), c + (r, s) and c - both, the area is 3 / 2 and c the centroid.
+            r = -pow(q, -1, p)
+            a, b = np.array([p, q]), np.array([r, (1 + q * r) // p])
+            centre = rng.integers([0, 0], [1920, 1080]) * SUBPX + SUBPX // 2
+            xy.append(np.stack([a, b, -a - b]) + centre)
+    return Sheet(np.array(xy), f32(rng.uniform(-0.9, 0.9, (40, 3))), (1080, 1920))
 
 
 # --- Depths that should be equal -----------------------------------------------------------------------------------------------
