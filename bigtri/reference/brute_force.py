@@ -155,7 +155,8 @@ def _meet(p: _Vertex, q: _Vertex, plane: Plane) -> tuple[Vector, Vector]:
     # The products are rounded (of float32 components they are exact), their sum is exact, and rounded once.
     position = [
         float(
-            Fraction(a) * (Fraction(u[k] * v[i]) - Fraction(u[i] * v[k])) + Fraction(b) * (Fraction(u[k] * v[j]) - Fraction(u[j] * v[k]))
+            Fraction(a) * (Fraction(u[k] * v[i]) - Fraction(u[i] * v[k]))
+            + Fraction(b) * (Fraction(u[k] * v[j]) - Fraction(u[j] * v[k]))
         )
         for k in range(4)
     ]

@@ -158,8 +158,8 @@ def _meet(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Position [M, 4] and weights [M, 3] of the points where the plane cuts the lines from p to q [M, 4].
 
-    The point is |dq| * p + |dp| * q with the distances dp and dq written out: a sum of four products that may cancel completely, so it
-    is rounded once, at the end. Swapping p and q negates it exactly, so the point is the same for either direction.
+    The point is |dq| * p + |dp| * q with the distances dp and dq written out: a sum of four products that may cancel completely,
+    so it is rounded once, at the end. Swapping p and q negates it exactly, so the point is the same for either direction.
     """
     across_p, across_q = (two_sum(q * p[:, [k]], -(q[:, [k]] * p)) for k in (plane.p, plane.q))  # products of float32 are exact
     coefficients = [np.full_like(q, plane.a)] * 2 + [np.full_like(q, plane.b)] * 2

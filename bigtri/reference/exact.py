@@ -2,7 +2,7 @@
 
 Error-free transformations: T. J. Dekker, "A floating-point technique for extending the available precision", 1971 (the product);
 D. E. Knuth, TAOCP 2, 4.2.2 (the sum); J. R. Shewchuk, "Adaptive precision floating-point arithmetic", 1997, section 2.4 (the
-expansion). They use nothing but + - *, so every machine gets the same bits. Exact as long as no product leaves float64's normal range.
+expansion). They use nothing but + - *, so every machine gets the same bits. Exact as long as no product leaves the normal range.
 """
 
 from __future__ import annotations
