@@ -111,6 +111,8 @@ def check_indices(op: str, triangles: torch.Tensor, vertices: int) -> None:
     """Raise RuntimeError unless every index in ``triangles`` names one of the vertices; the extension checks by itself."""
     if triangles.numel():
         low, high = (int(v) for v in torch.aminmax(triangles))
+        if vertices == 0:
+            raise RuntimeError(f"bigtri.{op}: triangles must be empty where positions is, got {len(triangles)} triangles")
         if low < 0 or high >= vertices:
             raise RuntimeError(
                 f"bigtri.{op}: triangles must index positions, 0 to {vertices - 1}, got indices from {low} to {high}"
@@ -154,7 +156,9 @@ def _output(op: str, out: Array | None, shape: tuple[int, ...], device: torch.de
     """New memory for ``packed``, or the caller's ``out``."""
     if out is None:
         return torch.empty(shape, dtype=torch.int64, device=device)
-    tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) else out
+    if isinstance(out, np.ndarray) and not out.flags.writeable:
+        raise ValueError(f"bigtri.{op}: out must be writable, got a read-only NumPy array")
+    tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) and out.dtype == np.int64 else out
     if not isinstance(tensor, torch.Tensor):
         raise TypeError(
             f"bigtri.{op}: out must be int64 {list(shape)}, a torch tensor or a NumPy array, got {type(out).__name__}"

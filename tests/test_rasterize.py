@@ -120,6 +120,10 @@ P, T = torch.from_numpy(POSITIONS), torch.from_numpy(TRIANGLES)
         ("out", (P, T, (8, 8)), {"out": torch.empty(8, 8)}),
         ("out", (P, T, (8, 8)), {"out": torch.empty(8, 16, dtype=torch.int64)[:, ::2]}),
         ("out", (P, T, (8, 8)), {"out": "memory"}),
+        ("out", (P, T, (8, 8)), {"out": np.zeros((8, 8), np.int32)}),
+        ("out", (P, T, (8, 8)), {"out": np.broadcast_to(np.int64(0), (8, 8))}),
+        ("positions", (P.to_sparse(), T, (8, 8)), {}),
+        ("positions", (P.to("meta"), T, (8, 8)), {"backend": "reference"}),
     ],
 )
 def test_errors_name_the_argument(argument, arguments, keywords):
@@ -134,6 +138,33 @@ def test_an_index_out_of_range_draws_nothing(index, backend):
     with pytest.raises(RuntimeError, match="triangles must index positions, 0 to 2, got indices from"):
         bigtri.rasterize(P, triangles, (8, 8), backend=backend, out=out)
     assert (out == 77).all()
+
+
+def test_read_only_memory_is_not_written(tmp_path, backend):
+    """A mapping of a file opened for reading: writing through it would end the process."""
+    np.zeros((8, 8), np.int64).tofile(tmp_path / "image")
+    image = np.memmap(tmp_path / "image", np.int64, "r", shape=(8, 8))
+    with pytest.raises(ValueError, match=r"bigtri\.rasterize: out must be writable"):
+        bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend, out=image)
+
+
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+@pytest.mark.parametrize("name", ["positions", "triangles"])
+def test_an_output_over_an_input(name):
+    """Indices that change while they are read would lead anywhere."""
+    memory = torch.zeros(64, dtype=torch.int64)
+    positions, triangles = P, T
+    if name == "positions":
+        positions = memory.view(torch.float32)[40:52].view(3, 4).copy_(P)
+    else:
+        triangles = memory.view(torch.int32)[40:43].view(1, 3).copy_(T)
+    with pytest.raises(RuntimeError, match=f"packed must not share memory with {name}"):
+        bigtri.rasterize(positions, triangles, (8, 8), backend="native", out=memory.view(8, 8))
+
+
+def test_triangles_without_positions(backend):
+    with pytest.raises(RuntimeError, match="triangles must be empty where positions is"):
+        bigtri.rasterize(np.zeros((0, 4), np.float32), TRIANGLES, (8, 8), backend=backend)
 
 
 def test_scissor_beyond_the_image_is_cut(backend):

@@ -52,9 +52,9 @@ Tensor interpolate_op(const Tensor& packed, const Tensor& positions, const Tenso
   check(op, "attributes", attributes, ScalarType::Float, {-1, -1, -1}, "float32 [B or 1, V, C]");
   check(op, "packed", packed, ScalarType::Long, {-1, -1, -1}, "int64 [B, H, W]");
   check(op, "positions", positions, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
-  STD_TORCH_CHECK((attributes.size(0) == 1 || attributes.size(0) == packed.size(0)) && attributes.size(1) == positions.size(1),
-                  "bigtri::interpolate: attributes must be float32 [B or 1, V, C] with B and V of positions, ", describe(positions), ", got ",
-                  describe(attributes));
+  BIGTRI_CHECK((attributes.size(0) == 1 || attributes.size(0) == packed.size(0)) && attributes.size(1) == positions.size(1),
+               "bigtri::interpolate: attributes must be float32 [B or 1, V, C] with B and V of positions, ", describe(positions), ", got ",
+               describe(attributes));
   return resolve_rows(op, packed, positions, triangles, &attributes);
 }
 
@@ -67,10 +67,10 @@ Tensor sample_texture_op(const Tensor& texture, const Tensor& uv, std::string fi
   check(op, "texture", texture, ScalarType::Float, {-1, -1, -1}, "float32 [Ht, Wt, C]");
   check(op, "uv", uv, ScalarType::Float, {-1, 2}, "float32 [N, 2]");
   const int64_t height = texture.size(0), width = texture.size(1), channels = texture.size(2);
-  STD_TORCH_CHECK(height >= 1 && height <= kMaxTexture && width >= 1 && width <= kMaxTexture, "bigtri::sample_texture: texture must be 1 to ", kMaxTexture,
-                  " px a side, got ", describe(texture));
-  STD_TORCH_CHECK(filter == "nearest" || filter == "bilinear", "bigtri::sample_texture: filter must be 'nearest' or 'bilinear', got '", filter, "'");
-  STD_TORCH_CHECK(wrap == "repeat" || wrap == "clamp", "bigtri::sample_texture: wrap must be 'repeat' or 'clamp', got '", wrap, "'");
+  BIGTRI_CHECK(height >= 1 && height <= kMaxTexture && width >= 1 && width <= kMaxTexture, "bigtri::sample_texture: texture must be 1 to ", kMaxTexture,
+               " px a side, got ", describe(texture));
+  BIGTRI_CHECK(filter == "nearest" || filter == "bilinear", "bigtri::sample_texture: filter must be 'nearest' or 'bilinear', got '", filter, "'");
+  BIGTRI_CHECK(wrap == "repeat" || wrap == "clamp", "bigtri::sample_texture: wrap must be 'repeat' or 'clamp', got '", wrap, "'");
   Tensor out = empty({uv.size(0), channels}, ScalarType::Float);
   in_blocks(uv.size(0), 16384, [&](int64_t begin, int64_t end) {
     current_kernels().sample(const_data<float>(texture), (int)height, (int)width, channels, const_data<float>(uv) + 2 * begin, end - begin,
@@ -96,8 +96,8 @@ Tensor lambert_op(const Tensor& normals, const Tensor& albedo, const Tensor& amb
 }
 
 Tensor encode_srgb_op(const Tensor& linear, const Tensor& thresholds) {
-  STD_TORCH_CHECK(linear.is_cpu() && linear.scalar_type() == ScalarType::Float && linear.is_contiguous(),
-                  "bigtri::encode_srgb: linear must be a contiguous CPU tensor, float32, got ", describe(linear));
+  BIGTRI_CHECK(linear.is_cpu() && linear.scalar_type() == ScalarType::Float && linear.is_contiguous(),
+               "bigtri::encode_srgb: linear must be a contiguous CPU tensor, float32, got ", describe(linear));
   check("encode_srgb", "thresholds", thresholds, ScalarType::Float, {255}, "float32 [255]");
   const auto sizes = linear.sizes();
   Tensor out = empty(std::vector<int64_t>(sizes.begin(), sizes.end()), ScalarType::Byte);

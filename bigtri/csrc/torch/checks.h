@@ -6,6 +6,8 @@
 #include <torch/csrc/stable/tensor.h>
 #include <torch/headeronly/core/ScalarType.h>
 
+#include <sstream>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -15,6 +17,16 @@ namespace bigtri {
 
 using torch::headeronly::ScalarType;
 using torch::stable::Tensor;
+
+// STD_TORCH_CHECK would put the path of this file on the machine that built it into every message.
+template <class... Parts>
+[[noreturn]] void fail(const Parts&... parts) {
+  std::ostringstream text;
+  ((text << parts), ...);
+  throw std::runtime_error(text.str());
+}
+#define BIGTRI_CHECK(CONDITION, ...) \
+  if (!(CONDITION)) fail(__VA_ARGS__)
 
 inline std::string describe(const Tensor& t) {
   std::string s = std::string(torch::headeronly::toString(t.scalar_type())) + " [";
@@ -26,16 +38,23 @@ inline std::string describe(const Tensor& t) {
 inline void check(const char* op, const char* name, const Tensor& t, ScalarType type, const std::vector<int64_t>& shape, const char* wanted) {
   bool ok = t.is_cpu() && t.scalar_type() == type && t.is_contiguous() && t.dim() == (int64_t)shape.size();
   for (size_t i = 0; ok && i < shape.size(); ++i) ok = shape[i] < 0 || t.size((int64_t)i) == shape[i];
-  STD_TORCH_CHECK(ok, "bigtri::", op, ": ", name, " must be a contiguous CPU tensor, ", wanted, ", got ", describe(t));
+  BIGTRI_CHECK(ok, "bigtri::", op, ": ", name, " must be a contiguous CPU tensor, ", wanted, ", got ", describe(t));
 }
 
 inline void check_size(const char* op, int64_t height, int64_t width) {
-  STD_TORCH_CHECK(height >= 1 && height <= kMaxSize && width >= 1 && width <= kMaxSize, "bigtri::", op, ": height and width must be 1 to ", kMaxSize, ", got ",
-                  height, " and ", width);
+  BIGTRI_CHECK(height >= 1 && height <= kMaxSize && width >= 1 && width <= kMaxSize, "bigtri::", op, ": height and width must be 1 to ", kMaxSize, ", got ",
+               height, " and ", width);
 }
 
 inline void check_count(const char* op, const char* name, int64_t count) {
-  STD_TORCH_CHECK(count <= INT32_MAX, "bigtri::", op, ": ", name, " must have at most 2147483647 rows, got ", count);
+  BIGTRI_CHECK(count <= INT32_MAX, "bigtri::", op, ": ", name, " must have at most 2147483647 rows, got ", count);
+}
+
+// Outputs are written while inputs are still read.
+inline void check_apart(const char* op, const char* output_name, const Tensor& output, const char* input_name, const Tensor& input) {
+  const char *a = static_cast<const char*>(output.const_data_ptr()), *b = static_cast<const char*>(input.const_data_ptr());
+  const size_t a_size = (size_t)output.numel() * output.element_size(), b_size = (size_t)input.numel() * input.element_size();
+  BIGTRI_CHECK(a + a_size <= b || b + b_size <= a, "bigtri::", op, ": ", output_name, " must not share memory with ", input_name);
 }
 
 template <class T>
@@ -56,8 +75,8 @@ inline Parallel torch_threads() { return {(int)torch::stable::get_num_threads()}
 
 inline Viewport viewport(const char* op, int64_t height, int64_t width, const std::string& cull, const std::vector<int64_t>& scissor) {
   check_size(op, height, width);
-  STD_TORCH_CHECK(cull == "none" || cull == "back" || cull == "front", "bigtri::", op, ": cull must be 'none', 'back' or 'front', got '", cull, "'");
-  STD_TORCH_CHECK(scissor.size() == 4, "bigtri::", op, ": scissor must be 4 integers x0, y0, x1, y1, got ", scissor.size());
+  BIGTRI_CHECK(cull == "none" || cull == "back" || cull == "front", "bigtri::", op, ": cull must be 'none', 'back' or 'front', got '", cull, "'");
+  BIGTRI_CHECK(scissor.size() == 4, "bigtri::", op, ": scissor must be 4 integers x0, y0, x1, y1, got ", scissor.size());
   const auto cut = [](int64_t v, int64_t high) { return (int)min_of(max_of<int64_t>(v, 0), high); };
   return {(int)width,
           (int)height,
@@ -75,9 +94,10 @@ inline Mesh checked_mesh(const char* op, const Parallel& parallel, const float* 
   check_count(op, "triangles", triangles.size(0));
   Mesh mesh = {positions, vertices, const_data<int32_t>(triangles), triangles.size(0), INT32_MAX, INT32_MIN};
   if (mesh.count == 0) return mesh;
+  BIGTRI_CHECK(vertices > 0, "bigtri::", op, ": triangles must be empty where positions is, got ", mesh.count, " triangles");
   index_range(parallel, mesh.triangles, 3 * mesh.count, &mesh.lowest, &mesh.highest);
-  STD_TORCH_CHECK(mesh.lowest >= 0 && mesh.highest < vertices, "bigtri::", op, ": triangles must index positions, 0 to ", vertices - 1, ", got indices from ",
-                  mesh.lowest, " to ", mesh.highest);
+  BIGTRI_CHECK(mesh.lowest >= 0 && mesh.highest < vertices, "bigtri::", op, ": triangles must index positions, 0 to ", vertices - 1, ", got indices from ",
+               mesh.lowest, " to ", mesh.highest);
   return mesh;
 }
 

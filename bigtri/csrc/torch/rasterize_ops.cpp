@@ -18,13 +18,18 @@ void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   const Viewport view = viewport(op, height, width, cull, scissor);
   const Variant* chosen = kVariants;
   while (chosen->name && variant != chosen->name) ++chosen;
-  STD_TORCH_CHECK(chosen->name, "bigtri::rasterize: variant must be one of ", variants_op(), ", got '", variant, "'");
+  BIGTRI_CHECK(chosen->name, "bigtri::rasterize: variant must be one of ", variants_op(), ", got '", variant, "'");
   check(op, "positions", positions, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
   check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
   const int64_t batch = positions.size(0), vertices = positions.size(1);
   check(op, "packed", packed, ScalarType::Long, {batch, height, width}, "int64 [B, height, width]");
   if (depth) check(op, "depth", *depth, ScalarType::Float, {batch, height, width}, "float32 [B, height, width]");
   check(op, "dropped", dropped, ScalarType::Long, {batch}, "int64 [B]");
+  for (const auto& [name, input] : {std::pair<const char*, const Tensor&>{"positions", positions}, {"triangles", triangles}}) {
+    check_apart(op, "packed", packed, name, input);
+    check_apart(op, "dropped", dropped, name, input);
+    if (depth) check_apart(op, "depth", *depth, name, input);
+  }
   const Parallel parallel = torch_threads();
   Mesh mesh = checked_mesh(op, parallel, const_data<float>(positions), vertices, triangles);
   const Kernels& kernels = current_kernels();
@@ -41,14 +46,14 @@ std::string isa() { return current_kernels().name; }
 
 void set_isa(std::string name) {
   const Kernels* kernels = find_kernels(name.c_str());
-  STD_TORCH_CHECK(kernels, "bigtri::set_isa: name must be an instruction set of this machine ('baseline', 'avx2', 'avx512'), got '", name, "'");
+  BIGTRI_CHECK(kernels, "bigtri::set_isa: name must be an instruction set of this machine ('baseline', 'avx2', 'avx512'), got '", name, "'");
   use_kernels(*kernels);
 }
 
 std::tuple<int64_t, int64_t> batch_limits_op() { return {batch_limits().records, batch_limits().candidates}; }
 
 void set_batch_limits_op(int64_t records, int64_t candidates) {
-  STD_TORCH_CHECK(records >= 1 && candidates >= 1, "bigtri::set_batch_limits: records and candidates must be at least 1, got ", records, " and ", candidates);
+  BIGTRI_CHECK(records >= 1 && candidates >= 1, "bigtri::set_batch_limits: records and candidates must be at least 1, got ", records, " and ", candidates);
   set_batch_limits({records, candidates});
 }
 

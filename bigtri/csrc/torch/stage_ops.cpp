@@ -18,7 +18,7 @@ void check_vertices(const char* op, const Tensor& xy) {
   check(op, "xy", xy, ScalarType::Int, {-1, 3, 2}, "int32 [N, 3, 2]");
   const int32_t* v = const_data<int32_t>(xy);
   for (int64_t i = 0, n = xy.numel(); i < n; ++i)
-    STD_TORCH_CHECK(v[i] >= -kGuard && v[i] < kGuard, "bigtri::", op, ": xy must lie in [", -kGuard, ", ", kGuard, ") subpx, got ", v[i]);
+    BIGTRI_CHECK(v[i] >= -kGuard && v[i] < kGuard, "bigtri::", op, ": xy must lie in [", -kGuard, ", ", kGuard, ") subpx, got ", v[i]);
 }
 
 void check_records(const char* op, const Tensor& xy, const Tensor& bbox) {
@@ -26,11 +26,11 @@ void check_records(const char* op, const Tensor& xy, const Tensor& bbox) {
   check(op, "bbox", bbox, ScalarType::Int, {xy.size(0), 4}, "int32 [N, 4]");
   const int32_t* b = const_data<int32_t>(bbox);
   for (int64_t i = 0, n = bbox.numel(); i < n; ++i)
-    STD_TORCH_CHECK(b[i] >= 0 && b[i] <= kMaxSize, "bigtri::", op, ": bbox must lie in 0 to ", kMaxSize, " px, got ", b[i]);
+    BIGTRI_CHECK(b[i] >= 0 && b[i] <= kMaxSize, "bigtri::", op, ": bbox must lie in 0 to ", kMaxSize, " px, got ", b[i]);
 }
 
 void check_record(const char* op, const char* name, int64_t record, int64_t count) {
-  STD_TORCH_CHECK(record >= 0 && record < count, "bigtri::", op, ": ", name, " must name records 0 to ", count - 1, ", got ", record);
+  BIGTRI_CHECK(record >= 0 && record < count, "bigtri::", op, ": ", name, " must name records 0 to ", count - 1, ", got ", record);
 }
 
 void check_queue(const char* op, const Tensor& queue, int64_t records) {
@@ -39,8 +39,8 @@ void check_queue(const char* op, const Tensor& queue, int64_t records) {
   for (int64_t i = 0; i < queue.size(0); ++i) {
     check_record(op, "queue", q[3 * i], records);
     for (int k = 1; k < 3; ++k)
-      STD_TORCH_CHECK(q[3 * i + k] >= 0 && q[3 * i + k] < kMaxSize / kBin, "bigtri::", op, ": queue must name bins 0 to ", kMaxSize / kBin - 1, ", got ",
-                      q[3 * i + k]);
+      BIGTRI_CHECK(q[3 * i + k] >= 0 && q[3 * i + k] < kMaxSize / kBin, "bigtri::", op, ": queue must name bins 0 to ", kMaxSize / kBin - 1, ", got ",
+                   q[3 * i + k]);
   }
 }
 
@@ -50,8 +50,8 @@ int64_t check_spans(const char* op, const Tensor& spans, int64_t records) {
   int64_t pixels = 0;
   for (int64_t i = 0; i < spans.size(0); ++i, s += 4) {
     check_record(op, "spans", s[0], records);
-    STD_TORCH_CHECK(s[1] >= 0 && s[1] < kMaxSize && 0 <= s[2] && s[2] <= s[3] && s[3] <= kMaxSize, "bigtri::", op,
-                    ": spans must be (record, y, lower, upper) inside the image, got (", s[0], ", ", s[1], ", ", s[2], ", ", s[3], ")");
+    BIGTRI_CHECK(s[1] >= 0 && s[1] < kMaxSize && 0 <= s[2] && s[2] <= s[3] && s[3] <= kMaxSize, "bigtri::", op,
+                 ": spans must be (record, y, lower, upper) inside the image, got (", s[0], ", ", s[1], ", ", s[2], ", ", s[3], ")");
     pixels += s[3] - s[2];
   }
   return pixels;
@@ -188,8 +188,8 @@ Tensor visibility_op(const Tensor& triangle, const Tensor& spans, const Tensor& 
   check(op, "depth", depth, ScalarType::Float, {check_spans(op, spans, triangle.size(0))}, "float32 [F], one per pixel of the spans");
   const int32_t* s = const_data<int32_t>(spans);
   for (int64_t i = 0; i < spans.size(0); ++i)
-    STD_TORCH_CHECK(s[4 * i + 1] < height && s[4 * i + 3] <= width, "bigtri::visibility: spans must lie in the image of ", height, " x ", width, ", got row ",
-                    s[4 * i + 1], ", upper ", s[4 * i + 3]);
+    BIGTRI_CHECK(s[4 * i + 1] < height && s[4 * i + 3] <= width, "bigtri::visibility: spans must lie in the image of ", height, " x ", width, ", got row ",
+                 s[4 * i + 1], ", upper ", s[4 * i + 3]);
   Tensor packed = empty({height, width}, ScalarType::Long);
   int64_t* out = data<int64_t>(packed);
   std::fill(out, out + height * width, kBackground);
