@@ -63,8 +63,8 @@ def tensor(op: str, name: str, value: Array, dtype: torch.dtype, shape: str, ndi
         raise TypeError(f"bigtri.{op}: {name} must be a torch tensor or a NumPy array, {wanted}, got {type(value).__name__}")
     if value.dtype != dtype:
         raise TypeError(f"bigtri.{op}: {name} must be {wanted}, got {_short(value.dtype)} {list(value.shape)}")
-    if value.layout != torch.strided or value.is_meta:
-        raise ValueError(f"bigtri.{op}: {name} must be a dense tensor with data, {wanted}, got {value.layout} on {value.device}")
+    if value.layout != torch.strided:
+        raise ValueError(f"bigtri.{op}: {name} must be a dense tensor, {wanted}, got {value.layout}")
     if value.ndim not in ((ndim,) if isinstance(ndim, int) else ndim):
         raise ValueError(f"bigtri.{op}: {name} must be {wanted}, got {_short(dtype)} {list(value.shape)}")
     return value.detach().contiguous()

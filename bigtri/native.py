@@ -32,6 +32,17 @@ def load_error() -> str:
     return str(_load_error or "")
 
 
+def devices() -> list[str]:
+    """The kinds of device that the extension draws on here: "cpu", and "cuda" if it is built for CUDA and there is one."""
+    has_kernel = torch._C._dispatch_has_kernel_for_dispatch_key
+    keys = {"cpu": "CPU", "cuda": "CUDA"}
+    return [
+        device
+        for device, key in keys.items()
+        if available() and has_kernel("bigtri::rasterize", key) and (device == "cpu" or torch.cuda.is_available())
+    ]
+
+
 def isa_levels() -> list[str]:
     """The instruction sets that this machine can run, slowest first; all give the same bits. Empty without the extension."""
     return [name for name in ISA_LEVELS if available() and torch.ops.bigtri.has_isa(name)]

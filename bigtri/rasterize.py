@@ -84,6 +84,8 @@ def rasterize(
     arrays.size(op, "positions", clip, -1, 4, "x, y, z, w")
     arrays.size(op, "triangles", faces, 1, 3, "corners")
     arrays.same_device(op, positions=clip, triangles=faces)
+    if clip.is_meta:
+        raise ValueError(f"bigtri.{op}: positions must be a tensor with data, got one on {clip.device}")
     shape = (*clip.shape[:-2], height, width)
     views = clip if clip.ndim == 3 else clip[None]
 
@@ -91,8 +93,10 @@ def rasterize(
     dropped = torch.empty(views.shape[0], dtype=torch.int64, device=clip.device)
     image = torch.empty(packed.shape, dtype=torch.float32, device=clip.device) if depth else None
     if chosen == "native":
-        if not clip.is_cpu:
-            raise ValueError(f"bigtri.{op}: positions must be on the CPU for backend='native', got {clip.device}")
+        if not clip.is_cpu and clip.device.type not in native.devices():
+            raise ValueError(
+                f"bigtri.{op}: positions must be on {' or '.join(native.devices())} for backend='native', got {clip.device}"
+            )
         name = native.VARIANTS[0] if variant == "auto" else variant
         torch.ops.bigtri.rasterize(views, faces, height, width, cull, list(box), name, packed, image, dropped)
     else:

@@ -153,12 +153,16 @@ def on_planes(rng: np.random.Generator) -> Case:
 
 
 def half_subpixels(rng: np.random.Generator) -> Case:
-    """Vertices halfway between points of the sub-pixel grid: rounded half to even, on both sides of the screen's middle."""
-    return from_pixels(
+    """Vertices halfway between points of the sub-pixel grid: rounded half to even, on both sides of the screen's middle.
+
+    Half of them are divided by a w whose reciprocal is inexact: only a true division finds the middle again.
+    """
+    case = from_pixels(
         rng.integers(-40, 300, (150, 3, 2)) / 2 + rng.choice([-1, 1, 3], (150, 3, 2)) / 512,
         rng.uniform(0.1, 0.9, (150, 3)),
         (128, 128),
     )
+    return case._replace(positions=case.positions * rng.choice([1, 3, 5, 7], (450, 1), p=[0.5, 0.2, 0.2, 0.1]).astype(np.float32))
 
 
 def degenerate(rng: np.random.Generator) -> Case:

@@ -17,7 +17,7 @@ from bigtri.hard_cases.constructions import MESHES
 
 CASES = cases()
 PAGE = Path(__file__).parent.parent / "docs" / "hard_cases.md"
-BACKENDS = ["reference", *native.isa_levels()]
+BACKENDS = ["reference", *native.isa_levels(), "cuda"]
 P = np.array([[-0.5, -0.5, 0, 1], [0.5, -0.5, 0, 1], [0, 0.5, 0, 1]], np.float32)
 T = np.array([[0, 1, 2]], np.int32)
 
@@ -33,6 +33,11 @@ def backend(request):
 def test_case(name, where):
     if where == "reference":
         assert CASES[name].wrong(Backend("reference")) == 0, CASES[name].invariant
+        return
+    if where == "cuda":
+        if "cuda" not in native.devices():
+            pytest.skip("no CUDA build, or no CUDA device")
+        assert CASES[name].wrong(Backend("native", "cuda")) == 0, CASES[name].invariant
         return
     with native.using_isa(where):
         assert CASES[name].wrong(Backend("native")) == 0, CASES[name].invariant
@@ -233,7 +238,7 @@ def test_another_device(backend):
 
 
 def test_triangles_without_positions(backend):
-    with pytest.raises(RuntimeError, match="triangles must index positions"):
+    with pytest.raises(RuntimeError, match="triangles must be empty where positions is"):
         draw(np.zeros((0, 4), np.float32), backend=backend)
 
 

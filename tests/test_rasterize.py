@@ -123,7 +123,7 @@ P, T = torch.from_numpy(POSITIONS), torch.from_numpy(TRIANGLES)
         ("out", (P, T, (8, 8)), {"out": np.zeros((8, 8), np.int32)}),
         ("out", (P, T, (8, 8)), {"out": np.broadcast_to(np.int64(0), (8, 8))}),
         ("positions", (P.to_sparse(), T, (8, 8)), {}),
-        ("positions", (P.to("meta"), T, (8, 8)), {"backend": "reference"}),
+        ("positions", (P.to("meta"), T.to("meta"), (8, 8)), {"backend": "reference"}),
     ],
 )
 def test_errors_name_the_argument(argument, arguments, keywords):
@@ -160,11 +160,6 @@ def test_an_output_over_an_input(name):
         triangles = memory.view(torch.int32)[40:43].view(1, 3).copy_(T)
     with pytest.raises(RuntimeError, match=f"packed must not share memory with {name}"):
         bigtri.rasterize(positions, triangles, (8, 8), backend="native", out=memory.view(8, 8))
-
-
-def test_triangles_without_positions(backend):
-    with pytest.raises(RuntimeError, match="triangles must be empty where positions is"):
-        bigtri.rasterize(np.zeros((0, 4), np.float32), TRIANGLES, (8, 8), backend=backend)
 
 
 def test_scissor_beyond_the_image_is_cut(backend):

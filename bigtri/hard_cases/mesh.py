@@ -11,6 +11,7 @@ from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from .. import stages
@@ -24,12 +25,21 @@ Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px, half-open
 
 
 class Backend(NamedTuple):
-    """What is put to the test: "reference" or "native", the latter on the instruction set in use."""
+    """What is put to the test: "reference" or "native", the latter on the instruction set in use, and where the tensors are."""
 
     name: str
+    device: str = "cpu"
 
     def draw(self, positions: Any, triangles: Any, resolution: tuple[int, int], **options: Any) -> Visibility:
-        return rasterize(positions, triangles, resolution, backend=self.name, **options)
+        """NumPy in and out; ``out`` may be a NumPy array, which is written."""
+        clip, faces = (torch.from_numpy(np.array(a)).to(self.device) for a in (positions, triangles))
+        image = options.pop("out", None)
+        if image is not None:
+            options["out"] = torch.from_numpy(image).to(self.device)  # the same memory where the device is the CPU
+        seen = rasterize(clip, faces, resolution, backend=self.name, **options)
+        if image is not None:
+            np.copyto(image, options["out"].cpu().numpy())
+        return Visibility(*(None if field is None else field.cpu().numpy() for field in seen))
 
     def setup(self, positions: Any, triangles: Any, resolution: tuple[int, int]) -> Records:
         return stages.setup(positions, triangles, *resolution, backend=self.name)[0]
