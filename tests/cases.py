@@ -162,7 +162,9 @@ def half_subpixels(rng: np.random.Generator) -> Case:
         rng.uniform(0.1, 0.9, (150, 3)),
         (128, 128),
     )
-    return case._replace(positions=case.positions * rng.choice([1, 3, 5, 7], (450, 1), p=[0.5, 0.2, 0.2, 0.1]).astype(np.float32))
+    return case._replace(
+        positions=case.positions * rng.choice([1, 49, 103, 107], (450, 1), p=[0.5, 0.2, 0.2, 0.1]).astype(np.float32)
+    )
 
 
 def degenerate(rng: np.random.Generator) -> Case:
