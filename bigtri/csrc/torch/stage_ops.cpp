@@ -174,6 +174,13 @@ Tensor depth_op(const Tensor& xy, const Tensor& z, const Tensor& area, const Ten
   check_vertices(op, xy);
   check(op, "z", z, ScalarType::Float, {xy.size(0), 3}, "float32 [N, 3]");
   check(op, "area", area, ScalarType::Long, {xy.size(0)}, "int64 [N]");
+  for (int64_t i = 0; i < xy.size(0); ++i) {
+    const int32_t* v = const_data<int32_t>(xy) + 6 * i;
+    const int32_t x[3] = {v[0], v[2], v[4]}, y[3] = {v[1], v[3], v[5]};
+    const int64_t given = const_data<int64_t>(area)[i];
+    BIGTRI_CHECK(given > 0 && given == twice_area(x, y), "bigtri::depth: area must be twice the area of xy, ", twice_area(x, y), " subpx^2 and positive, got ",
+                 given);
+  }
   Tensor out = empty({check_spans(op, spans, xy.size(0))}, ScalarType::Float);
   FloatMode mode;
   current_kernels().depth_spans(const_data<int32_t>(xy), const_data<float>(z), const_data<int64_t>(area), const_data<int32_t>(spans), spans.size(0),
