@@ -24,37 +24,19 @@ BIGTRI_HD T max_of(T a, T b) {
 }
 
 // Bits as they are; the union form is understood alike by gcc, clang and nvcc.
-BIGTRI_HD uint32_t float_bits(float v) {
+template <class To, class From>
+BIGTRI_HD To bits_as(From v) {
+  static_assert(sizeof(To) == sizeof(From), "as many bits");
   union {
-    float f;
-    uint32_t u;
+    From from;
+    To to;
   } x;
-  x.f = v;
-  return x.u;
+  x.from = v;
+  return x.to;
 }
-BIGTRI_HD float bits_float(uint32_t v) {
-  union {
-    float f;
-    uint32_t u;
-  } x;
-  x.u = v;
-  return x.f;
-}
-BIGTRI_HD uint64_t double_bits(double v) {
-  union {
-    double f;
-    uint64_t u;
-  } x;
-  x.f = v;
-  return x.u;
-}
-BIGTRI_HD double bits_double(uint64_t v) {
-  union {
-    double f;
-    uint64_t u;
-  } x;
-  x.u = v;
-  return x.f;
-}
+BIGTRI_HD uint32_t float_bits(float v) { return bits_as<uint32_t>(v); }
+BIGTRI_HD float bits_float(uint32_t v) { return bits_as<float>(v); }
+BIGTRI_HD uint64_t double_bits(double v) { return bits_as<uint64_t>(v); }
+BIGTRI_HD double bits_double(uint64_t v) { return bits_as<double>(v); }
 
 }  // namespace bigtri
