@@ -1,11 +1,17 @@
-"""Builds the extension `bigtri._C`: one abi3 library on torch's stable ABI, which runs on Python >= 3.10 and torch >= 2.10."""
+"""Builds the extension `bigtri._C`: one abi3 library on torch's stable ABI, which runs on Python >= 3.10 and torch >= 2.10.
+
+With a torch built for CUDA and a CUDA toolkit (CUDA_HOME, or nvcc on the PATH) the CUDA kernels are built too; no GPU has to be
+there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 insists on them. TORCH_CUDA_ARCH_LIST says for which architectures
+("7.5;9.0;12.0+PTX"); by default for the GPUs of this machine.
+"""
 
 import os
 import platform
 from pathlib import Path
 
+import torch
 from setuptools import setup
-from torch.utils.cpp_extension import BuildExtension, CppExtension
+from torch.utils.cpp_extension import CUDA_HOME, BuildExtension, CppExtension, CUDAExtension
 
 CSRC = Path("bigtri/csrc")
 TARGET_TORCH = "0x020a000000000000"  # torch 2.10
@@ -25,25 +31,51 @@ FLAGS = [
     "-Wno-maybe-uninitialized",
     "-Wno-uninitialized",
 ]
+# The same rules for the GPU: no fused multiply-add, true division and square root, no flush to zero.
+CUDA_FLAGS = ["-std=c++17", "-O3", "-fmad=false", "-prec-div=true", "-prec-sqrt=true", "-ftz=false", "-lineinfo"]
+CUDA_FLAGS += ["-Xcompiler", "-ffp-contract=off,-fvisibility=hidden"]
 
 
-def sources() -> list[str]:
-    files = sorted([*CSRC.glob("cpu/*.cpp"), *CSRC.glob("torch/*.cpp")])
+def with_cuda() -> bool:
+    """Whether to build the CUDA kernels."""
+    wanted = os.environ.get("BIGTRI_CUDA", "auto")
+    if wanted not in ("auto", "0", "1"):
+        raise SystemExit(f"BIGTRI_CUDA must be 0, 1 or auto, got {wanted!r}")
+    possible = torch.version.cuda is not None and CUDA_HOME is not None
+    if wanted == "1" and not possible:
+        raise SystemExit(f"BIGTRI_CUDA=1 needs a torch built for CUDA (got {torch.__version__}) and CUDA_HOME (got {CUDA_HOME})")
+    return possible and wanted != "0"
+
+
+def sources(cuda: bool) -> list[str]:
+    files = [*CSRC.glob("cpu/*.cpp"), *CSRC.glob("torch/*.cpp")]
     if platform.machine() not in ("x86_64", "AMD64"):
         files = [f for f in files if f.name not in ("isa_avx2.cpp", "isa_avx512.cpp")]
-    return [str(f) for f in files]
+    if cuda:
+        files += CSRC.glob("cuda/*.cu")
+    else:
+        files = [f for f in files if not f.name.startswith("cuda_")]
+    return [str(f) for f in sorted(files)]
 
 
 def extension() -> CppExtension:
+    cuda = with_cuda()
     flags = [*FLAGS, f"-DTORCH_TARGET_VERSION={TARGET_TORCH}"]
+    if cuda:
+        flags += ["-DUSE_CUDA"]  # torch's stable header then declares its CUDA functions
     link = []
     if sanitize := os.environ.get("BIGTRI_SANITIZE"):  # e.g. address,undefined; CONTRIBUTING.md says how to run it
         # Python's own flags have -fwrapv, under which no signed overflow is undefined, so that none would be reported.
         flags += [f"-fsanitize={sanitize}", "-fno-sanitize-recover=all", "-fno-wrapv", "-fno-omit-frame-pointer", "-g", "-O1"]
         link += [f"-fsanitize={sanitize}"]
-    headers = [str(f) for pattern in ("*.h", "*.inl") for f in sorted(CSRC.rglob(pattern))]
-    return CppExtension(
-        "bigtri._C", sources(), extra_compile_args={"cxx": flags}, extra_link_args=link, depends=headers, py_limited_api=True
+    headers = [str(f) for pattern in ("*.h", "*.inl", "*.cuh") for f in sorted(CSRC.rglob(pattern))]
+    return (CUDAExtension if cuda else CppExtension)(
+        "bigtri._C",
+        sources(cuda),
+        extra_compile_args={"cxx": flags, "nvcc": CUDA_FLAGS},
+        extra_link_args=link,
+        depends=headers,
+        py_limited_api=True,
     )
 
 

@@ -343,7 +343,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         names = chosen("scene", arguments.scenes, list(scenes.SCENES))
         isas = chosen("instruction set", arguments.isa or native.isa(), native.isa_levels())
-        variants = ["auto"] if arguments.variant == "auto" else chosen("variant", arguments.variant, list(native.VARIANTS))
+        variants = ["auto"] if arguments.variant == "auto" else chosen("variant", arguments.variant, list(native.VARIANTS["cpu"]))
     except ValueError as error:
         parser().error(str(error))
     settings = list(itertools.product(variants, arguments.threads or [torch.get_num_threads()], isas))

@@ -80,4 +80,13 @@ def _extension() -> list[tuple[str, str]]:
     if not native.available():
         return [("extension", f"not loaded: {native.load_error()}; build it with `python setup.py build_ext --inplace`")]
     levels = ", ".join(native.isa_levels())
-    return [("extension", "built and loaded"), ("extension's levels", f"{levels}; in use: {native.isa()}")]
+    cuda = (
+        f"built, variants: {', '.join(native.VARIANTS['cuda'])}"
+        if "cuda" in native.VARIANTS
+        else "not built (needs a torch for CUDA and nvcc)"
+    )
+    return [
+        ("extension", "built and loaded"),
+        ("extension's levels", f"{levels}; in use: {native.isa()}"),
+        ("extension's CUDA", cuda),
+    ]

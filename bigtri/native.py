@@ -6,6 +6,7 @@ import importlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
 import torch
 
@@ -18,8 +19,19 @@ except ImportError as error:
     _load_error = error
 
 
-# How the extension can schedule the work, the one that "auto" means first; all give the same bits.
-VARIANTS: tuple[str, ...] = tuple(torch.ops.bigtri.variants().split(",")) if _load_error is None else ()
+def _variants() -> dict[str, tuple[str, ...]]:
+    """Per kind of device the extension is built for, how it can schedule the work there."""
+    found = {}
+    if _load_error is None:
+        found["cpu"] = tuple(torch.ops.bigtri.variants().split(","))
+        if torch._C._dispatch_has_kernel_for_dispatch_key("bigtri::rasterize", "CUDA"):
+            found["cuda"] = tuple(torch.ops.bigtri.cuda_variants().split(","))
+    return found
+
+
+# For each kind of device that the extension is built for ("cpu", "cuda"): how it can schedule the work, the one that "auto"
+# means first. All give the same bits.
+VARIANTS: dict[str, tuple[str, ...]] = _variants()
 
 
 def available() -> bool:
@@ -34,13 +46,7 @@ def load_error() -> str:
 
 def devices() -> list[str]:
     """The kinds of device that the extension draws on here: "cpu", and "cuda" if it is built for CUDA and there is one."""
-    has_kernel = torch._C._dispatch_has_kernel_for_dispatch_key
-    keys = {"cpu": "CPU", "cuda": "CUDA"}
-    return [
-        device
-        for device, key in keys.items()
-        if available() and has_kernel("bigtri::rasterize", key) and (device == "cpu" or torch.cuda.is_available())
-    ]
+    return [kind for kind in VARIANTS if kind == "cpu" or torch.cuda.is_available()]
 
 
 def isa_levels() -> list[str]:
@@ -87,6 +93,52 @@ def batch_limits(records: int, candidates: int) -> Iterator[None]:
         yield
     finally:
         torch.ops.bigtri.set_batch_limits(*before)
+
+
+class CudaTuning(NamedTuple):
+    """How the CUDA kernels are launched. No setting changes a bit of the picture; docs/cuda.md has the measurements behind them.
+
+    few: up to so many triangles every block sets up all of them.
+    some: up to so many every block looks at all records; above, small triangles are drawn at once and only large ones wait.
+    warps: of a block that owns pixels, 4, 8 or 16.
+    blocks: of kernels whose blocks take work in turns; 0 for as many as the device holds.
+    entries: records that a block draws together, 1 to 128.
+    queue: records that may wait; what finds no room is drawn on the spot.
+    threshold: px of bbox above which a record waits for a block that owns the bin.
+    read_first: 1 to read a pixel before the atomic minimum on it.
+    """
+
+    few: int
+    some: int
+    warps: int
+    blocks: int
+    entries: int
+    queue: int
+    threshold: int
+    read_first: int
+
+
+@contextmanager
+def cuda_tuning(**changes: int) -> Iterator[CudaTuning]:
+    """Launch the CUDA kernels with other settings, fields of ``CudaTuning``, within a with block, in the whole process.
+
+    Raises:
+        RuntimeError: the extension is not built for CUDA, or a setting is out of range.
+        TypeError: no such setting.
+    """
+    if "cuda" not in VARIANTS:
+        raise RuntimeError("bigtri.native.cuda_tuning: the extension is not built for CUDA")
+    if unknown := set(changes) - set(CudaTuning._fields):
+        raise TypeError(
+            f"bigtri.native.cuda_tuning: settings are {', '.join(CudaTuning._fields)}, got {', '.join(sorted(unknown))}"
+        )
+    before = CudaTuning(*torch.ops.bigtri.cuda_tuning())
+    after = before._replace(**changes)
+    torch.ops.bigtri.set_cuda_tuning(list(after))
+    try:
+        yield after
+    finally:
+        torch.ops.bigtri.set_cuda_tuning(list(before))
 
 
 def _new_size() -> torch.SymInt:

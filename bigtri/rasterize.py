@@ -26,7 +26,7 @@ class Visibility(NamedTuple):
     packed: Array  # int64, (depth bits << 32) | triangle; 2^63 - 1 on the background
     triangle: Array  # int32, index of the nearest triangle; -1 on the background. A view of packed, not a copy.
     depth: Array | None  # float32, window depth in [0, 1], 0 = near; +inf on the background. None where depth=False was passed.
-    dropped: Array  # int64 [] or [B], triangles that were not drawn because a coordinate is NaN or infinite
+    dropped: Array  # int64 [] or [B], triangles not drawn: a coordinate is NaN or infinite, or (CUDA) an index out of range
 
 
 def rasterize(
@@ -50,11 +50,12 @@ def rasterize(
         triangles: int32 [T, 3], indices into the V positions, shared by all views of a batch.
         resolution: (height, width) in px, 1 to 16384 each.
         backend: "reference" (the NumPy oracle), "native" (the extension), or "auto": native where it is built. Same bits.
-        variant: how the native backend schedules the work, "auto" or one of ``bigtri.native.VARIANTS``. Same bits.
+        variant: how the native backend schedules the work, "auto" or one of ``bigtri.native.VARIANTS[device type]``. Same bits.
         precision: "exact", the only rung of the ladder so far.
         cull: "none", "back" or "front": faces not to draw. Front faces are counter-clockwise on the screen.
         scissor: (x0, y0, x1, y1) in px, half-open; nothing is drawn outside it.
-        validate: on the CPU indices are always checked; there for tensors on other devices.
+        validate: on the CPU indices are always checked. On CUDA a triangle with an index out of range is dropped and counted;
+            True checks all of them first, which waits for the device.
         depth: whether to return the depth image. Without it, 4 bytes a pixel are not written.
         out: int64, contiguous, of ``packed``'s shape: written instead of new memory. Large images gain much from that.
 
@@ -63,11 +64,11 @@ def rasterize(
 
     Raises:
         TypeError, ValueError: an argument of another dtype, shape, device or value; the text names it.
-        RuntimeError: an index in ``triangles`` is out of range (nothing is drawn), or the backend is not built.
+        RuntimeError: an index in ``triangles`` is out of range (nothing is drawn; on CUDA only with
+            ``validate=True``), or the backend is not built.
     """
     op = "rasterize"
     chosen = arrays.choose_backend(op, backend)
-    arrays.choice(op, "variant", variant, ("auto", *native.VARIANTS))
     arrays.choice(op, "precision", precision, PRECISIONS)
     arrays.choice(op, "cull", cull, CULLS)
     height, width = _integers(op, "resolution", resolution, 2, "(height, width)")
@@ -86,6 +87,13 @@ def rasterize(
     arrays.same_device(op, positions=clip, triangles=faces)
     if clip.is_meta:
         raise ValueError(f"bigtri.{op}: positions must be a tensor with data, got one on {clip.device}")
+    built = native.VARIANTS
+    if chosen == "native" and clip.device.type not in built:
+        raise ValueError(
+            f"bigtri.{op}: positions must be on {' or '.join(built)}, as the extension is built here, got {clip.device}"
+        )
+    variants = built.get(clip.device.type, ())
+    arrays.choice(op, "variant", variant, ("auto", *variants))
     shape = (*clip.shape[:-2], height, width)
     views = clip if clip.ndim == 3 else clip[None]
 
@@ -93,11 +101,9 @@ def rasterize(
     dropped = torch.empty(views.shape[0], dtype=torch.int64, device=clip.device)
     image = torch.empty(packed.shape, dtype=torch.float32, device=clip.device) if depth else None
     if chosen == "native":
-        if not clip.is_cpu and clip.device.type not in native.devices():
-            raise ValueError(
-                f"bigtri.{op}: positions must be on {' or '.join(native.devices())} for backend='native', got {clip.device}"
-            )
-        name = native.VARIANTS[0] if variant == "auto" else variant
+        if validate:
+            check_indices(op, faces, clip.shape[-2])
+        name = variants[0] if variant == "auto" else variant
         torch.ops.bigtri.rasterize(views, faces, height, width, cull, list(box), name, packed, image, dropped)
     else:
         _draw_reference(op, views, faces, box, cull, packed, image, dropped)

@@ -27,6 +27,17 @@ BIGTRI_HD float finish_depth(double z, float zmin, float zmax) {
   return min_of(max_of(f, zmin), zmax) + 0.0f;
 }
 
+// A record's depth plane over one cell.
+struct CellPlane {
+  double zcell, dzdx, dzdy;
+};
+
+// The nearest (farthest) depth over the pixels from (i, j) to (i + last_x, j + last_y) of the cell: at a corner, with the pixels' own arithmetic, so exact.
+BIGTRI_HD float corner_depth(const CellPlane& p, float zmin, float zmax, int i, int j, int last_x, int last_y, bool farthest) {
+  const int x = (p.dzdx < 0) != farthest ? i + last_x : i, y = (p.dzdy < 0) != farthest ? j + last_y : j;
+  return finish_depth(plane_row<double>(p.zcell, p.dzdy, y) + plane_column<double>(p.dzdx, x), zmin, zmax);
+}
+
 BIGTRI_HD int64_t absolute(int64_t v) { return v < 0 ? -v : v; }
 
 BIGTRI_HD bool is_thin(const int32_t x[3], const int32_t y[3], int64_t area) {

@@ -48,9 +48,9 @@ BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], con
     out->first = fan.first;
     for (int s = 0; s + 2 < fan.count; ++s) {
       Primitive& p = out->primitive[out->count];
-      if (!fan_primitive(fan, s, view, &p)) continue;
+      if (!fan_primitive(fan.projected, fan.apex, fan.count, s, view, &p)) continue;
       int index[3];
-      fan_vertices(fan, s, index);
+      fan_vertices(fan.apex, fan.count, s, index);
       for (int k = 0; k < 3; ++k) {
         const ClipVertex& source = fan.polygon[index[p.order[k]]];
         out->w[out->count][k] = source.position[3];

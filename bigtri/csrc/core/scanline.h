@@ -5,15 +5,22 @@
 
 namespace bigtri {
 
+// floor(n / d) for 0 <= n < 2^52 and 0 < d < 2^52. A float64 division and a correction, several times faster than an integer division on CPU and GPU: the
+// quotient's rounding can reach the next integer, never pass it.
+BIGTRI_HD int64_t floor_quotient(int64_t n, int64_t d) {
+  const int64_t q = (int64_t)((double)n / (double)d);
+  return q * d > n ? q - 1 : q;
+}
+
 // The pixels i in [lower, upper) of a row where f + step * i >= 0, cut to the interval given.
 BIGTRI_HD void cut_span(int64_t f, int64_t step, int64_t* lower, int64_t* upper) {
   if (step == 0) {
     if (f < 0) *upper = *lower;
   } else if (step > 0) {  // first i with step * i >= -f
-    const int64_t first = f >= 0 ? 0 : (-f + step - 1) / step;
+    const int64_t first = f >= 0 ? 0 : floor_quotient(-f + step - 1, step);
     *lower = max_of(*lower, first);
   } else {  // last i with -step * i <= f
-    const int64_t end = f < 0 ? 0 : f / -step + 1;
+    const int64_t end = f < 0 ? 0 : floor_quotient(f, -step) + 1;
     *upper = min_of(*upper, end);
   }
 }

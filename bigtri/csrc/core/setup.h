@@ -56,18 +56,35 @@ BIGTRI_HD float window_depth(T z, T w) {
 
 BIGTRI_HD bool is_finite(float v) { return (float_bits(v) & 0x7f800000u) != 0x7f800000u; }
 
-BIGTRI_HD Vertex project_vertex(const float v[4], int width, int height) {
+// Inside the view frustum, whose planes all six clip planes lie outside of or on: most vertices, for seven comparisons. A NaN is not; an infinite w would be.
+BIGTRI_HD bool in_frustum(const float v[4]) {
+  const float w = v[3];
+  return w > 0 && w < kInfinity && v[0] <= w && v[0] >= -w && v[1] <= w && v[1] >= -w && v[2] <= w && v[2] >= -w;
+}
+
+BIGTRI_HD uint32_t vertex_flags(const float v[4], int width, int height) {
   uint32_t flags = 0;
+  if (in_frustum(v)) return flags;
   for (int k = 0; k < kPlanes; ++k)
     if (!(plane_distance(clip_plane(k, width, height), v) >= 0)) flags |= 1u << k;
   if (!(is_finite(v[0]) && is_finite(v[1]) && is_finite(v[2]) && is_finite(v[3]))) flags |= kNonFinite;
   if (!(v[3] > 0)) flags |= kBehind;
-  return {snap_x(v[0], v[3], width), snap_y(v[1], v[3], height), window_depth<float>(v[2], v[3]), flags};
+  return flags;
+}
+
+BIGTRI_HD Vertex project_vertex(const float v[4], int width, int height) {
+  return {snap_x(v[0], v[3], width), snap_y(v[1], v[3], height), window_depth<float>(v[2], v[3]), vertex_flags(v, width, height)};
+}
+
+// Element i of three. Not an array: a GPU keeps those that are indexed with what it cannot know in slow memory.
+template <class T>
+BIGTRI_HD T pick(const T v[3], int i) {
+  return i == 0 ? v[0] : i == 1 ? v[1] : v[2];
 }
 
 // false: nothing to draw (zero area, culled, or no pixel centre within the bounds).
 BIGTRI_HD bool make_primitive(const int32_t x[3], const int32_t y[3], const float z[3], const Viewport& view, Primitive* out) {
-  int64_t area = twice_area(x, y);
+  const int64_t area = twice_area(x, y);
   if (area == 0) return false;
   if (view.cull == (area > 0 ? kCullBack : kCullFront)) return false;
   const int32_t min_x = min_of(min_of(x[0], x[1]), x[2]), max_x = max_of(max_of(x[0], x[1]), x[2]);
@@ -78,25 +95,20 @@ BIGTRI_HD bool make_primitive(const int32_t x[3], const int32_t y[3], const floa
   out->x1 = min_of(((max_x - 128) >> kSubpixelBits) + 1, view.x1);
   out->y1 = min_of(((max_y - 128) >> kSubpixelBits) + 1, view.y1);
   if (out->x0 >= out->x1 || out->y0 >= out->y1) return false;
-  int order[3] = {0, 1, 2};
-  if (area < 0) {
-    order[1] = 2;
-    order[2] = 1;
-    area = -area;
-  }
-  int start = 0;
-  for (int k = 1; k < 3; ++k) {
-    const int a = order[k], b = order[start];
-    if (x[a] < x[b] || (x[a] == x[b] && y[a] < y[b])) start = k;
-  }
+  // From the vertex with the smallest (X, Y), there is one, in clockwise order.
+  int source = 0;
+  for (int k = 1; k < 3; ++k)
+    if (x[k] < pick(x, source) || (x[k] == pick(x, source) && y[k] < pick(y, source))) source = k;
+  const int step = area > 0 ? 1 : 2;
   for (int k = 0; k < 3; ++k) {
-    const int source = order[(start + k) % 3];
-    out->x[k] = x[source];
-    out->y[k] = y[source];
-    out->z[k] = z[source];
+    out->x[k] = pick(x, source);
+    out->y[k] = pick(y, source);
+    out->z[k] = pick(z, source);
     out->order[k] = source;
+    source += step;
+    source = source > 2 ? source - 3 : source;
   }
-  out->area = area;
+  out->area = area > 0 ? area : -area;
   return true;
 }
 
@@ -130,31 +142,37 @@ BIGTRI_HD bool fan_less(const Vertex& a, double aw, const Vertex& b, double bw) 
   return aw < bw;
 }
 
+// The fan's apex: the vertex with the smallest (X, Y, z, w), the first one on a tie.
+BIGTRI_HD int fan_apex(const Vertex* projected, const ClipVertex* polygon, int count) {
+  int apex = 0;
+  for (int i = 1; i < count; ++i)
+    if (fan_less(projected[i], polygon[i].position[3], projected[apex], polygon[apex].position[3])) apex = i;
+  return apex;
+}
+
 BIGTRI_HD void make_fan(const float v[3][4], uint32_t outside, int width, int height, Fan* fan) {
   fan->count = clip_triangle(v, outside, width, height, fan->polygon, &fan->first);
-  fan->apex = 0;
-  for (int i = 0; i < fan->count; ++i) {
-    fan->projected[i] = project_clipped(fan->polygon[i], width, height);
-    if (i && fan_less(fan->projected[i], fan->polygon[i].position[3], fan->projected[fan->apex], fan->polygon[fan->apex].position[3])) fan->apex = i;
-  }
+  for (int i = 0; i < fan->count; ++i) fan->projected[i] = project_clipped(fan->polygon[i], width, height);
+  fan->apex = fan_apex(fan->projected, fan->polygon, fan->count);
 }
 
-// Polygon vertex numbers of sub-triangle s of the fan, s = 0 .. count - 3.
-BIGTRI_HD void fan_vertices(const Fan& fan, int s, int index[3]) {
-  index[0] = fan.apex;
-  index[1] = (fan.apex + s + 1) % fan.count;
-  index[2] = (fan.apex + s + 2) % fan.count;
+// Polygon vertex numbers of sub-triangle s of a fan of count vertices, s = 0 .. count - 3.
+BIGTRI_HD void fan_vertices(int apex, int count, int s, int index[3]) {
+  index[0] = apex;
+  index[1] = (apex + s + 1) % count;
+  index[2] = (apex + s + 2) % count;
 }
 
-BIGTRI_HD bool fan_primitive(const Fan& fan, int s, const Viewport& view, Primitive* out) {
+// Sub-triangle s; projected: the polygon's vertices.
+BIGTRI_HD bool fan_primitive(const Vertex* projected, int apex, int count, int s, const Viewport& view, Primitive* out) {
   int index[3];
-  fan_vertices(fan, s, index);
+  fan_vertices(apex, count, s, index);
   int32_t x[3], y[3];
   float z[3];
   for (int k = 0; k < 3; ++k) {
-    x[k] = fan.projected[index[k]].x;
-    y[k] = fan.projected[index[k]].y;
-    z[k] = fan.projected[index[k]].z;
+    x[k] = projected[index[k]].x;
+    y[k] = projected[index[k]].y;
+    z[k] = projected[index[k]].z;
   }
   return make_primitive(x, y, z, view, out);
 }

@@ -77,14 +77,13 @@ BIGTRI_INLINE i64x8 row_packed(const CellDepth& d, const PlaneTable& t, int x, i
   return packed_of<kFar>(d, kThin ? row_depth<true>(d, x, y) : t.row[y] + t.column[x / 8]);
 }
 
-// The nearest (farthest) depth over the px square of the given size at (i, j): at a corner, with the pixels' own arithmetic, so exact.
-BIGTRI_INLINE float corner_depth(const CellDepth& d, int i, int j, int last, bool farthest) {
-  const int x = (d.dzdx < 0) != farthest ? i + last : i, y = (d.dzdy < 0) != farthest ? j + last : j;
-  return finish_depth(plane_row<double>(d.zcell, d.dzdy, y) + plane_column<double>(d.dzdx, x), d.zmin, d.zmax);
+// The nearest (farthest) depth over the px square of the given size at (i, j).
+BIGTRI_INLINE float bound_depth(const CellDepth& d, int i, int j, int size, bool farthest) {
+  if (d.thin) return farthest ? d.zmax : d.zmin;
+  return corner_depth({d.zcell, d.dzdx, d.dzdy}, d.zmin, d.zmax, i, j, size - 1, size - 1, farthest);
 }
-
-BIGTRI_INLINE float nearest_depth(const CellDepth& d, int i, int j, int size) { return d.thin ? d.zmin : corner_depth(d, i, j, size - 1, false); }
-BIGTRI_INLINE float farthest_depth(const CellDepth& d, int i, int j, int size) { return d.thin ? d.zmax : corner_depth(d, i, j, size - 1, true); }
+BIGTRI_INLINE float nearest_depth(const CellDepth& d, int i, int j, int size) { return bound_depth(d, i, j, size, false); }
+BIGTRI_INLINE float farthest_depth(const CellDepth& d, int i, int j, int size) { return bound_depth(d, i, j, size, true); }
 
 // Corner depths of the eight tiles of a row.
 BIGTRI_INLINE f32x8 tile_corner_depths(const CellDepth& d, int row, bool farthest) {

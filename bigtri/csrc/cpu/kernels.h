@@ -2,27 +2,13 @@
 #pragma once
 
 #include "../core/attributes.h"
-#include "../core/binning.h"
-#include "../core/depth.h"
+#include "../core/record.h"
 #include "../core/scanline.h"
 #include "../core/shading.h"
 #include "../core/texture.h"
 #include "../core/tile_mask.h"
 
 namespace bigtri {
-
-// What rasterization needs of a record, 96 bytes.
-struct Record {
-  int32_t x[3], y[3];  // subpx
-  float z[3];
-  uint32_t triangle;
-  int64_t area;
-  double dzdx, dzdy;
-  float zmin, zmax;
-  int32_t x0, y0, x1, y1;  // bbox, px, half-open
-  uint32_t flags;
-};
-constexpr uint32_t kRecordLarge = 1, kRecordThin = 2, kRecordFar = 4;  // far: zmax > 1, some fragments may be dropped
 
 // A bin's list holds entries of (record << 2 | small << 1 | full); full: every centre of the bin is inside the record's triangle.
 constexpr uint32_t kEntryFull = 1, kEntrySmall = 2;

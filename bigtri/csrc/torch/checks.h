@@ -31,14 +31,24 @@ template <class... Parts>
 inline std::string describe(const Tensor& t) {
   std::string s = std::string(torch::headeronly::toString(t.scalar_type())) + " [";
   for (int64_t i = 0; i < t.dim(); ++i) s += (i ? ", " : "") + std::to_string(t.size(i));
-  return s + "]" + (t.is_cpu() ? "" : " not on the CPU") + (t.is_contiguous() ? "" : ", not contiguous");
+  return s + "]" + (t.is_cpu() ? " on the CPU" : " on device " + std::to_string(t.get_device_index())) + (t.is_contiguous() ? "" : ", not contiguous");
+}
+
+inline bool fits(const Tensor& t, ScalarType type, const std::vector<int64_t>& shape) {
+  bool ok = t.scalar_type() == type && t.is_contiguous() && t.dim() == (int64_t)shape.size();
+  for (size_t i = 0; ok && i < shape.size(); ++i) ok = shape[i] < 0 || t.size((int64_t)i) == shape[i];
+  return ok;
 }
 
 // shape: -1 is any size.
 inline void check(const char* op, const char* name, const Tensor& t, ScalarType type, const std::vector<int64_t>& shape, const char* wanted) {
-  bool ok = t.is_cpu() && t.scalar_type() == type && t.is_contiguous() && t.dim() == (int64_t)shape.size();
-  for (size_t i = 0; ok && i < shape.size(); ++i) ok = shape[i] < 0 || t.size((int64_t)i) == shape[i];
-  BIGTRI_CHECK(ok, "bigtri::", op, ": ", name, " must be a contiguous CPU tensor, ", wanted, ", got ", describe(t));
+  BIGTRI_CHECK(t.is_cpu() && fits(t, type, shape), "bigtri::", op, ": ", name, " must be a contiguous CPU tensor, ", wanted, ", got ", describe(t));
+}
+
+// On the CUDA device given.
+inline void check_cuda(const char* op, const char* name, const Tensor& t, int device, ScalarType type, const std::vector<int64_t>& shape, const char* wanted) {
+  BIGTRI_CHECK(t.is_cuda() && t.get_device_index() == device && fits(t, type, shape), "bigtri::", op, ": ", name,
+               " must be a contiguous tensor on CUDA device ", device, ", ", wanted, ", got ", describe(t));
 }
 
 inline void check_size(const char* op, int64_t height, int64_t width) {

@@ -1,4 +1,4 @@
-// torch.ops.bigtri.rasterize and the instruction-set switch.
+// torch.ops.bigtri.rasterize on the CPU, the instruction-set switch, and the schemas of all operators.
 
 #include "checks.h"
 

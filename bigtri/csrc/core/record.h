@@ -1,0 +1,53 @@
+// What rasterization needs of a (sub)triangle, made once at set-up; docs/numerics.md 2.4.
+#pragma once
+
+#include "binning.h"
+#include "depth.h"
+#include "setup.h"
+
+namespace bigtri {
+
+struct Record {  // 96 bytes
+  int32_t x[3], y[3];  // subpx
+  float z[3];
+  uint32_t triangle;
+  int64_t area;
+  double dzdx, dzdy;
+  float zmin, zmax;
+  int32_t x0, y0, x1, y1;  // bbox, px, half-open
+  uint32_t flags;
+};
+constexpr uint32_t kRecordLarge = 1, kRecordThin = 2, kRecordFar = 4;  // far: zmax > 1, some fragments may be dropped
+
+// The direct path keeps f in int32 without the bin test that makes this safe for others. For a triangle of extent D <= 2^18 subpx (1024 px) and samples up to
+// 8 px beyond it, |e| <= 2 * D * (D + 2^11), so |f| < 2^30. A small bbox alone is not enough: the screen may have cut it from a huge triangle.
+constexpr int64_t kDirectExtent = 1 << 18;
+
+BIGTRI_HD int64_t extent_of(const Primitive& p) {
+  const int64_t w = (int64_t)max_of(max_of(p.x[0], p.x[1]), p.x[2]) - min_of(min_of(p.x[0], p.x[1]), p.x[2]);
+  const int64_t h = (int64_t)max_of(max_of(p.y[0], p.y[1]), p.y[2]) - min_of(min_of(p.y[0], p.y[1]), p.y[2]);
+  return max_of(w, h);
+}
+
+BIGTRI_HD void fill_record(const Primitive& p, int64_t triangle, Record* r, int64_t threshold = kLargeThreshold) {
+  for (int k = 0; k < 3; ++k) {
+    r->x[k] = p.x[k];
+    r->y[k] = p.y[k];
+    r->z[k] = p.z[k];
+  }
+  r->triangle = (uint32_t)triangle;
+  r->area = p.area;
+  const DepthGradient g = depth_gradient(p.x, p.y, p.z, p.area);
+  r->dzdx = g.dzdx;
+  r->dzdy = g.dzdy;
+  r->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
+  r->zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
+  r->x0 = p.x0;
+  r->y0 = p.y0;
+  r->x1 = p.x1;
+  r->y1 = p.y1;
+  const bool large = is_large(p.x0, p.y0, p.x1, p.y1, threshold) || extent_of(p) > kDirectExtent;
+  r->flags = (large ? kRecordLarge : 0) | (is_thin(p.x, p.y, p.area) ? kRecordThin : 0) | (r->zmax > 1.0f ? kRecordFar : 0);
+}
+
+}  // namespace bigtri

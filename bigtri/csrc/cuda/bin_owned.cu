@@ -1,0 +1,349 @@
+// The variant that "auto" means: blocks own pixels and write each once. How triangles get to the blocks depends on how many there are, which the host knows without asking the device:
+//   few   one kernel: every block sets all of them up and keeps the records in shared memory;
+//   some  set-up to records, a block for every patch that looks at all of them, then slivers;
+//   many  clear, set-up that draws small triangles at once and queues large ones and slivers, then these.
+
+#include "direct.cuh"
+#include "launch.cuh"
+#include "patch.cuh"
+
+namespace bigtri {
+namespace {
+
+// --- few
+
+constexpr int kClipWarps = 4;  // triangles that are clipped at a time
+constexpr int kClipParts = kClipWarps * kMaxSubTriangles;
+
+template <int kWarps>
+struct FewShared {
+  static constexpr int kChunk = kWarps * kWarp < 256 ? kWarps * kWarp : 256;  // triangles at a time
+  static constexpr int kRecords = kChunk + kClipParts;
+  Record records[kRecords];
+  uint32_t boxes[kRecords];
+  int32_t clipped[kChunk];  // triangles of this chunk that have to be clipped
+  int clip_count;
+  union {
+    PatchShared patch;
+    ClipScratch clip[kClipWarps];
+  };
+};
+
+// The first chunk's patches start from the background and are written in any case; later chunks go on from what is there.
+template <int kWarps>
+__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __grid_constant__ Frame f, int room) {
+  extern __shared__ __align__(16) char memory[];
+  FewShared<kWarps>& s = *reinterpret_cast<FewShared<kWarps>*>(memory);
+  constexpr int kChunk = FewShared<kWarps>::kChunk, kRecords = FewShared<kWarps>::kRecords;
+  const int thread = threadIdx.x, warp = thread / kWarp, patches = Patch<kWarps>::count(f.view);
+  int64_t dropped = 0;
+  bool first = true;
+  for (int64_t base = 0; base < f.count || first; base += kChunk) {
+    __syncthreads();
+    if (thread == 0) s.clip_count = 0;
+    __syncthreads();
+    Fate fate = Fate::kNothing;
+    if (thread < kChunk) {
+      uint32_t box = kNoBox;
+      if (base + thread < f.count) {
+        Primitive p;
+        fate = set_up(f, (int32_t)(base + thread), &p);
+        if (fate == Fate::kWhole) {
+          fill_record(p, base + thread, &s.records[thread]);
+          box = box_of(s.records[thread]);
+        } else if (fate == Fate::kClip) {
+          s.clipped[atomicAdd(&s.clip_count, 1)] = (int32_t)(base + thread);
+        }
+      }
+      s.boxes[thread] = box;
+    }
+    dropped += __syncthreads_count(fate == Fate::kDropped);
+    const int clip_count = s.clip_count;
+    for (int clip = 0; clip < clip_count || clip == 0; clip += kClipWarps) {
+      if (clip > 0) {  // the chunk's whole triangles are done
+        __syncthreads();
+        for (int i = thread; i < kChunk; i += kWarps * kWarp) s.boxes[i] = kNoBox;
+      }
+      int records = kChunk;
+      if (clip_count > 0) {
+        records = kRecords;
+        for (int i = kChunk + thread; i < kRecords; i += kWarps * kWarp) s.boxes[i] = kNoBox;
+        __syncthreads();
+        if (warp < kClipWarps && clip + warp < clip_count) {
+          Primitive p;
+          const int32_t t = s.clipped[clip + warp];
+          if (clip_part(f, t, &s.clip[warp], &p)) {
+            const int slot = kChunk + warp * kMaxSubTriangles + lane_id();
+            fill_record(p, t, &s.records[slot]);
+            s.boxes[slot] = box_of(s.records[slot]);
+          }
+        }
+      }
+      const Candidates candidates = {s.records, s.boxes, records};
+      for (int i = blockIdx.x; i < patches; i += gridDim.x) draw_patch<kWarps, Output::kWrite>(f, candidates, i, room, &s.patch, !first);
+      first = false;
+    }
+  }
+  if (blockIdx.x == 0 && thread == 0) *f.dropped = dropped;
+}
+
+template <int kWarps>
+cudaError_t launch_few(const Frame& f, const Tuning& t, cudaStream_t stream) {
+  constexpr int64_t kBytes = sizeof(FewShared<kWarps>);
+  int blocks;
+  BIGTRI_CUDA(blocks_for(draw_few<kWarps>, kWarps * kWarp, kBytes, Patch<kWarps>::count(f.view), t, &blocks));
+  draw_few<kWarps><<<blocks, kWarps * kWarp, kBytes, stream>>>(f, (int)t.entries);
+  return cudaGetLastError();
+}
+
+// --- some
+
+constexpr int kSetupThreads = 256;
+constexpr int kParts = kSetupThreads * kMaxSubTriangles;  // that the clipped triangles of a block can become
+
+// Record t is triangle t's, if it is drawn whole. The parts of clipped triangles follow, kParts for each block of the set-up; there are part_count of them.
+struct Records {
+  Record* records;
+  uint32_t* boxes;
+  int32_t* part_count;
+  int32_t* dropped;
+  int triangles, blocks;
+
+  __host__ __device__ int first_part(int block) const { return triangles + block * kParts; }
+  __device__ int count() const {
+    int n = triangles;
+    for (int b = 0; b < blocks; ++b) n += part_count[b];
+    return n;
+  }
+  __device__ __forceinline__ int slot(int i) const {
+    if (i < triangles) return i;
+    i -= triangles;
+    int b = 0;
+    for (; i >= part_count[b]; ++b) i -= part_count[b];
+    return first_part(b) + i;
+  }
+};
+
+Records take_records(Scratch* scratch, const Frame& f) {
+  Records r;
+  r.triangles = f.count;
+  r.blocks = (f.count + kSetupThreads - 1) / kSetupThreads;
+  const int64_t room = (int64_t)r.triangles + (int64_t)r.blocks * kParts;
+  r.records = scratch->take<Record>(room);
+  r.boxes = scratch->take<uint32_t>(room);
+  r.part_count = scratch->take<int32_t>(r.blocks);
+  r.dropped = scratch->take<int32_t>(r.blocks);
+  return r;
+}
+
+__device__ __forceinline__ void put_record(const Primitive& p, int64_t triangle, Record* record, uint32_t* box) {
+  fill_record(p, triangle, record);
+  *box = is_sliver(p) ? kSliverBox : box_of(*record);
+}
+
+__global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_constant__ Frame f, Records r) {
+  __shared__ ClipScratch clip[kSetupThreads / kWarp];
+  __shared__ int parts;
+  if (threadIdx.x == 0) parts = 0;
+  __syncthreads();
+  const int64_t t = (int64_t)blockIdx.x * kSetupThreads + threadIdx.x;
+  Primitive p;
+  const Fate fate = t < f.count ? set_up(f, (int32_t)t, &p) : Fate::kNothing;
+  if (fate == Fate::kWhole)
+    put_record(p, t, r.records + t, r.boxes + t);
+  else if (t < f.count)
+    r.boxes[t] = kNoBox;
+  for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
+    const int32_t triangle = (int32_t)(t - lane_id()) + __ffs(todo) - 1;
+    if (clip_part(f, triangle, &clip[threadIdx.x / kWarp], &p)) {
+      const int64_t slot = (int64_t)r.first_part((int)blockIdx.x) + atomicAdd(&parts, 1);
+      put_record(p, triangle, r.records + slot, r.boxes + slot);
+    }
+  }
+  const int dropped = __syncthreads_count(fate == Fate::kDropped);
+  if (threadIdx.x == 0) {
+    r.part_count[blockIdx.x] = parts;
+    r.dropped[blockIdx.x] = dropped;
+  }
+}
+
+template <int kWarps>
+__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_some(const __grid_constant__ Frame f, Records r, int room) {
+  __shared__ PatchShared s;
+  const int patches = Patch<kWarps>::count(f.view);
+  for (int i = blockIdx.x; i < patches; i += gridDim.x) draw_patch<kWarps, Output::kWrite>(f, r, i, room, &s, false);
+  if (blockIdx.x == 0 && threadIdx.x == 0) {
+    int64_t dropped = 0;
+    for (int i = 0; i < r.blocks; ++i) dropped += r.dropped[i];
+    *f.dropped = dropped;
+  }
+}
+
+constexpr int kSliverThreads = 128;
+
+__global__ void __launch_bounds__(kSliverThreads) draw_slivers(const __grid_constant__ Frame f, Records r) {
+  for (int i = blockIdx.x, n = r.count(); i < n; i += gridDim.x) {
+    const int slot = r.slot(i);
+    if (r.boxes[slot] == kSliverBox) draw_sliver(f, r.records[slot], threadIdx.x, kSliverThreads);
+  }
+}
+
+template <int kWarps>
+cudaError_t launch_some(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
+  Scratch scratch = {static_cast<char*>(memory)};
+  const Records r = take_records(&scratch, f);
+  set_up_records<<<r.blocks, kSetupThreads, 0, stream>>>(f, r);
+  BIGTRI_CUDA(cudaGetLastError());
+  int blocks;
+  BIGTRI_CUDA(blocks_for(draw_some<kWarps>, kWarps * kWarp, 0, Patch<kWarps>::count(f.view), t, &blocks));
+  Frame undrawn = f;
+  undrawn.depth = nullptr;  // slivers are still to come
+  draw_some<kWarps><<<blocks, kWarps * kWarp, 0, stream>>>(undrawn, r, (int)t.entries);
+  BIGTRI_CUDA(cudaGetLastError());
+  BIGTRI_CUDA(blocks_for(draw_slivers, kSliverThreads, 0, f.count, t, &blocks));
+  draw_slivers<<<blocks, kSliverThreads, 0, stream>>>(f, r);
+  return cudaGetLastError();
+}
+
+// --- many
+
+enum Counter { kLargeCount, kSliverCount, kCounters };
+
+struct Queues {
+  Record *large, *slivers;
+  uint32_t* boxes;  // of the large ones
+  uint32_t* counters;
+  uint32_t room;  // of either
+};
+
+Queues take_queues(Scratch* scratch, const Frame& f, const Tuning& t) {
+  Queues q;
+  q.room = (uint32_t)min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles);
+  q.large = scratch->take<Record>(q.room);
+  q.slivers = scratch->take<Record>(q.room);
+  q.boxes = scratch->take<uint32_t>(q.room);
+  q.counters = scratch->take<uint32_t>(kCounters);
+  return q;
+}
+
+constexpr int kManyThreads = 256;
+
+union ManyShared {
+  Jobs jobs;
+  ClipScratch clip;
+  Record record;
+  __device__ ManyShared() {}
+};
+
+// Draws or queues the lanes' primitives; all lanes.
+__device__ __forceinline__ void dispatch(const Frame& f, const Queues& q, const Tuning& t, const Primitive& p, int64_t triangle, bool have, ManyShared* s) {
+  const bool small = have && is_small(p);
+  draw_small(f, p, (uint32_t)triangle, small, &s->jobs, t.read_first);
+  bool now = have && !small;
+  Record record;
+  if (now) {
+    fill_record(p, triangle, &record, t.threshold);
+    const bool sliver = is_sliver(p);
+    if (sliver || (record.flags & kRecordLarge)) {
+      const uint32_t slot = atomicAdd(&q.counters[sliver ? kSliverCount : kLargeCount], 1u);
+      if (slot < q.room) {
+        (sliver ? q.slivers : q.large)[slot] = record;
+        if (!sliver) q.boxes[slot] = box_of(record);
+        now = false;
+      }
+    }
+  }
+  for (unsigned todo = __ballot_sync(kAllLanes, now); todo; todo &= todo - 1) {
+    __syncwarp();
+    if (lane_id() == __ffs(todo) - 1) s->record = record;
+    __syncwarp();
+    warp_draw(f, s->record);
+  }
+  __syncwarp();
+}
+
+// Each warp takes `share` triangles, so that there are warps enough also where triangles are not.
+__global__ void __launch_bounds__(kManyThreads) draw_many(const __grid_constant__ Frame f, Queues q, Tuning t, int share) {
+  __shared__ ManyShared shared[kManyThreads / kWarp];
+  ManyShared* s = &shared[threadIdx.x / kWarp];
+  const int64_t first = ((int64_t)blockIdx.x * (kManyThreads / kWarp) + threadIdx.x / kWarp) * share;
+  const bool mine = lane_id() < share && first + lane_id() < f.count;
+  Primitive p;
+  const Fate fate = mine ? set_up(f, (int32_t)(first + lane_id()), &p) : Fate::kNothing;
+  dispatch(f, q, t, p, first + lane_id(), fate == Fate::kWhole, s);
+  for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
+    const int64_t triangle = first + __ffs(todo) - 1;
+    const bool have = clip_part(f, (int32_t)triangle, &s->clip, &p);
+    __syncwarp();
+    dispatch(f, q, t, p, triangle, have, s);
+  }
+  const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
+  if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
+}
+
+// What waits, onto what has been drawn.
+template <int kWarps>
+__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_queued(const __grid_constant__ Frame f, Queues q, int room) {
+  __shared__ PatchShared s;
+  const int large = (int)min_of(q.counters[kLargeCount], q.room), slivers = (int)min_of(q.counters[kSliverCount], q.room);
+  if (large > 0)
+    for (int i = blockIdx.x, n = Patch<kWarps>::count(f.view); i < n; i += gridDim.x)
+      draw_patch<kWarps, Output::kMerge>(f, Candidates{q.large, q.boxes, large}, i, room, &s, false);
+  for (int i = blockIdx.x; i < slivers; i += gridDim.x) draw_sliver(f, q.slivers[i], threadIdx.x, kWarps * kWarp);
+}
+
+template <int kWarps>
+cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
+  Scratch scratch = {static_cast<char*>(memory)};
+  const Queues q = take_queues(&scratch, f, t);
+  int blocks;
+  const int64_t pixels = (int64_t)f.view.width * f.view.height;
+  BIGTRI_CUDA(blocks_for(clear_frame, 256, 0, (pixels + 511) / 512, t, &blocks));
+  clear_frame<<<blocks, 256, 0, stream>>>(f, q.counters, kCounters);
+  BIGTRI_CUDA(cudaGetLastError());
+  int share = kWarp;
+  BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(draw_many), kManyThreads, 0, &blocks));
+  while (share > 1 && f.count / share < blocks * (kManyThreads / kWarp)) share /= 2;
+  const int64_t warps = (f.count + share - 1) / share;
+  draw_many<<<(unsigned)((warps * kWarp + kManyThreads - 1) / kManyThreads), kManyThreads, 0, stream>>>(f, q, t, share);
+  BIGTRI_CUDA(cudaGetLastError());
+  BIGTRI_CUDA(blocks_for(draw_queued<kWarps>, kWarps * kWarp, 0, Patch<kWarps>::count(f.view), t, &blocks));
+  draw_queued<kWarps><<<blocks, kWarps * kWarp, 0, stream>>>(f, q, (int)t.entries);
+  return cudaGetLastError();
+}
+
+cudaError_t launch_depth(const Frame& f, const Tuning& t, cudaStream_t stream) {
+  if (!f.depth) return cudaSuccess;
+  int blocks;
+  BIGTRI_CUDA(blocks_for(write_depth, 256, 0, ((int64_t)f.view.width * f.view.height + 255) / 256, t, &blocks));
+  write_depth<<<blocks, 256, 0, stream>>>(f);
+  return cudaGetLastError();
+}
+
+template <int kWarps>
+cudaError_t launch(const Frame& f, const Tuning& t, void* scratch, cudaStream_t stream) {
+  if (f.count <= t.few) return launch_few<kWarps>(f, t, stream);
+  BIGTRI_CUDA(f.count <= t.some ? launch_some<kWarps>(f, t, scratch, stream) : launch_many<kWarps>(f, t, scratch, stream));
+  return launch_depth(f, t, stream);
+}
+
+}  // namespace
+
+int64_t bin_owned_scratch(const Frame& f, const Tuning& t) {
+  Scratch scratch = {nullptr};
+  if (f.count > t.some)
+    take_queues(&scratch, f, t);
+  else if (f.count > t.few)
+    take_records(&scratch, f);
+  return scratch.used;
+}
+
+cudaError_t draw_bin_owned(const Frame& f, const Tuning& t, void* scratch, cudaStream_t stream) {
+  switch (t.warps) {
+    case 4: return launch<4>(f, t, scratch, stream);
+    case 16: return launch<16>(f, t, scratch, stream);
+    default: return launch<8>(f, t, scratch, stream);
+  }
+}
+
+}  // namespace bigtri

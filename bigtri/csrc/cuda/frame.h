@@ -1,0 +1,48 @@
+// What a frame is to the GPU, and the variants that draw one; torch-free. docs/cuda.md says how they work.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include "../core/numerics.h"
+
+namespace bigtri {
+
+// One image of one view. Pointers are to device memory.
+struct Frame {
+  const float* positions;    // [V, 4], clip space
+  const int32_t* triangles;  // [T, 3]
+  int64_t vertices;          // V; a triangle with another index is dropped
+  int32_t count;             // T
+  Viewport view;
+  int64_t* packed;   // [H, W]
+  float* depth;      // [H, W] or null
+  int64_t* dropped;  // one number
+};
+
+// How the kernels are launched, in the whole process. Nothing here changes a bit of the picture; docs/cuda.md has the measurements behind the numbers.
+struct Tuning {
+  int64_t few = 256;           // up to so many triangles, every block sets up all of them by itself
+  int64_t some = 4096;         // up to so many, every block looks at all records; above, small triangles are drawn at once and only large ones queued
+  int64_t warps = 8;           // of a block that owns a patch of 64 px by 4 px a warp: 4, 8 or 16
+  int64_t blocks = 0;          // of a kernel whose blocks take work in turns; 0: as many as the device holds at once
+  int64_t entries = 128;       // records that a block draws together, at most 128
+  int64_t queue = 1 << 18;     // records that may wait; what finds no room is drawn on the spot
+  int64_t threshold = kLargeThreshold;  // px of bbox above which a record waits for a block that owns the bin
+  int64_t read_first = 0;      // read a pixel before the atomic on it
+};
+constexpr int kTuningFields = 8;
+Tuning tuning();
+// False, and nothing changed, if a field is out of range.
+bool set_tuning(const Tuning& t);
+
+// A way to schedule the work; each is one file and one line in variants.cu. draw only enqueues: nothing waits for the device.
+struct CudaVariant {
+  const char* name;
+  int64_t (*scratch_bytes)(const Frame& frame, const Tuning& t);
+  cudaError_t (*draw)(const Frame& frame, const Tuning& t, void* scratch, cudaStream_t stream);
+};
+
+// All of them, the one that "auto" means first; ends with a null name.
+extern const CudaVariant kCudaVariants[];
+
+}  // namespace bigtri

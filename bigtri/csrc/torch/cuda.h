@@ -1,0 +1,27 @@
+// Where CUDA work goes: torch's current stream of the tensors' device, with torch's memory.
+#pragma once
+
+#include <torch/csrc/inductor/aoti_torch/c/shim.h>
+#include <torch/csrc/stable/accelerator.h>
+
+#include "../cuda/frame.h"
+#include "checks.h"
+
+namespace bigtri {
+
+inline cudaStream_t current_stream(int device) {
+  void* stream = nullptr;
+  TORCH_ERROR_CODE_CHECK(aoti_torch_get_current_cuda_stream(device, &stream));
+  return static_cast<cudaStream_t>(stream);
+}
+
+inline Tensor empty_on(int device, int64_t bytes) {
+  return torch::stable::empty({bytes}, ScalarType::Byte, std::nullopt,
+                              torch::stable::Device(torch::headeronly::DeviceType::CUDA, (torch::stable::DeviceIndex)device));
+}
+
+inline void check_launch(const char* op, cudaError_t error) {
+  BIGTRI_CHECK(error == cudaSuccess, "bigtri::", op, ": the CUDA device answered '", cudaGetErrorString(error), "'");
+}
+
+}  // namespace bigtri
