@@ -1,0 +1,271 @@
+"""How GPU time is measured, and the rows it goes into. cuda_run.py and cuda_scaling.py share it.
+
+Four methods, all by CUDA events, in microseconds for a frame:
+* `graph`: the replay of a CUDA graph that holds one frame;
+* `graph20`: the replay of a graph that holds 20 frames, divided by 20: what a frame costs in a stream of them;
+* `eager`: the call as Python makes it;
+* `cold`: as `graph`, after a buffer of 256 MB has been zeroed, which leaves nothing else in the L2 cache.
+
+A kernel that only waits runs in front of every measurement, for longer than the host needs to enqueue it: the host's time is
+never in it. It does contain what starting a graph or a kernel costs the GPU.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import os
+import platform
+import re
+import subprocess
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import torch
+
+from bigtri import benchmark
+
+METHODS = ("graph", "graph20", "eager", "cold")
+IN_A_ROW = 20  # frames in the graph of `graph20`
+AT_LEAST, AT_MOST = 50, 200  # repeats
+SLOW = 20_000  # us: above, a few repeats and no `graph20`
+SLOW_REPEATS = 5
+EVICT = 256 << 20  # bytes: several times any L2 cache
+CYCLES = 2000  # of a GPU's clock in a microsecond, at most; only for the waiting kernel
+POISON = 0x1234_5678_9ABC_DEF0  # what the image holds before it is checked
+
+Call = Callable[[], object]
+
+
+class Measurement(NamedTuple):
+    us: list[float]  # of each repeat; empty where the method is too slow to be used
+    again: Call  # draws once more, the way that was timed
+
+
+class Clock(Protocol):
+    def measure(self, call: Call, method: str, seconds: float, at_least: int = AT_LEAST) -> Measurement:
+        """Times `call` by one of `METHODS` for about `seconds`, at least so many repeats."""
+
+    def once(self, call: Call) -> float:
+        """Microseconds of one call."""
+
+
+def repeats_for(us: float, seconds: float, at_least: int = AT_LEAST) -> int:
+    """How many repeats of something that takes `us`."""
+    if us > SLOW:
+        return SLOW_REPEATS
+    return max(at_least, min(AT_MOST, int(seconds * 1e6 / max(us, 1e-3))))
+
+
+class CudaClock:
+    """By events on torch's current device."""
+
+    def __init__(self) -> None:
+        self.buffer: torch.Tensor | None = None
+
+    def once(self, call: Call) -> float:
+        return self._times(call, 1, 0, cold=False)[0]
+
+    def measure(self, call: Call, method: str, seconds: float, at_least: int = AT_LEAST) -> Measurement:
+        call()  # loads kernels, and gives torch its memory
+        us = self.once(call)
+        if method == "eager":
+            start = time.perf_counter()
+            call()
+            host_us = (time.perf_counter() - start) * 1e6
+            torch.cuda.synchronize()
+            return Measurement(self._times(call, repeats_for(us, seconds, at_least), 50 + 2 * host_us, cold=False), call)
+        if method == "graph20" and us > SLOW / 4:
+            return Measurement([], call)
+        frames = IN_A_ROW if method == "graph20" else 1
+        graph = self.capture(call, frames)
+        count = repeats_for(us * frames, seconds, at_least if frames == 1 else min(at_least, 20))
+        times = self._times(graph.replay, count, 100, cold=method == "cold")
+        return Measurement([t / frames for t in times], graph.replay)
+
+    def capture(self, call: Call, frames: int) -> torch.cuda.CUDAGraph:
+        """A graph of `frames` calls."""
+        stream = torch.cuda.Stream()
+        stream.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(stream):
+            call()
+        torch.cuda.current_stream().wait_stream(stream)
+        torch.cuda.synchronize()
+        graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph, stream=stream):
+            for _ in range(frames):
+                call()
+        return graph
+
+    def evict(self) -> None:
+        if self.buffer is None:
+            self.buffer = torch.empty(EVICT, dtype=torch.uint8, device="cuda")
+        self.buffer.zero_()
+
+    def _times(self, call: Call, count: int, wait_us: float, cold: bool) -> list[float]:
+        events = [(torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)) for _ in range(count)]
+        if count > 1:
+            for _ in range(3):
+                call()
+            torch.cuda.synchronize()
+        for number, (start, end) in enumerate(events):
+            if cold:
+                self.evict()
+            if wait_us:
+                torch.cuda._sleep(int(min(wait_us, 2000) * CYCLES))
+            start.record()
+            call()
+            end.record()
+            if number % 8 == 7:
+                torch.cuda.synchronize()
+        torch.cuda.synchronize()
+        return [start.elapsed_time(end) * 1e3 for start, end in events]
+
+
+class WallClock:
+    """The host's clock in place of the GPU's, for dry runs: the methods differ in name only."""
+
+    def once(self, call: Call) -> float:
+        start = time.perf_counter()
+        call()
+        return (time.perf_counter() - start) * 1e6
+
+    def measure(self, call: Call, method: str, seconds: float, at_least: int = AT_LEAST) -> Measurement:
+        return Measurement([self.once(call) for _ in range(3)], call)
+
+
+def warm_up(seconds: float = 0.3) -> None:
+    """Keeps the GPU busy until its clocks are up."""
+    buffer = torch.empty(EVICT, dtype=torch.uint8, device="cuda")
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        for _ in range(20):
+            buffer.zero_()
+        torch.cuda.synchronize()
+
+
+def kernels(call: Call, calls: int = 5) -> dict[str, float]:
+    """GPU microseconds a call of each kernel, memset and copy, by name, longest first, through torch's profiler."""
+    from torch.autograd import DeviceType
+    from torch.profiler import ProfilerActivity, profile
+
+    call()
+    torch.cuda.synchronize()
+    with profile(activities=[ProfilerActivity.CUDA]) as profiled:
+        for _ in range(calls):
+            call()
+        torch.cuda.synchronize()
+    spent: dict[str, float] = {}
+    for event in profiled.events():
+        if event.device_type != DeviceType.CPU:
+            name = short_name(event.name)
+            spent[name] = spent.get(name, 0.0) + event.time_range.elapsed_us() / calls
+    return dict(sorted(spent.items(), key=lambda item: -item[1]))
+
+
+def short_name(kernel: str) -> str:
+    """A kernel's name without return type, namespaces and arguments."""
+    kernel = re.sub(r"\((int|bool|unsigned int)\)|\(anonymous namespace\)::|<unnamed>::|\bbigtri::|^void ", "", kernel)
+    return kernel.split("(")[0][:70]
+
+
+# --- rows
+
+
+class Machine(NamedTuple):
+    """What a row says about where it comes from."""
+
+    device: str
+    driver: str
+    torch: str
+    cuda: str
+    commit: str
+    command: str
+
+
+def machine() -> Machine:
+    device = torch.cuda.get_device_name() if torch.cuda.is_available() else f"dry run: {benchmark.device()}"
+    # A copy without .git is told its commit.
+    commit = benchmark.commit() or os.environ.get("BIGTRI_COMMIT", "")
+    return Machine(device, driver(), torch.__version__, torch.version.cuda or "", commit, benchmark.command())
+
+
+def driver() -> str:
+    """The NVIDIA driver's version; empty if nobody says."""
+    query = ["nvidia-smi", "--query-gpu=driver_version", "--format=csv,noheader"]
+    try:
+        found = subprocess.run(query, capture_output=True, text=True, check=True, timeout=20).stdout.split()
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return found[0] if found else ""
+
+
+@dataclasses.dataclass
+class Row:
+    """One (scene, size, seed, variant, method); the fields are the CSV's columns."""
+
+    scene: str
+    width: int  # px
+    height: int  # px
+    seed: int
+    variant: str  # of bigtri's; "memset", "empty kernel", "floor list", "floor shuffle"
+    triangles: int
+    method: str
+    us_median: float
+    us_min: float
+    us_p25: float
+    us_p75: float
+    repeats: int
+    wrong_pixels: int | None  # that differ from the CPU's image; of a floor: that show another triangle
+    device: str
+    driver: str
+    torch: str
+    cuda: str
+    commit: str
+    command: str
+
+
+def write_csv(path: str | Path, rows: Sequence[Any]) -> None:
+    """Writes rows, dataclasses of one kind, under a header, in place of what the file held."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if rows:
+            writer.writerow([field.name for field in dataclasses.fields(rows[0])])
+        for row in rows:
+            values = dataclasses.astuple(row)
+            writer.writerow(["" if v is None else f"{v:.3f}" if isinstance(v, float) else v for v in values])
+
+
+def read_csv(path: str | Path) -> list[dict[str, str]]:
+    with Path(path).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def text_of(us: float | None) -> str:
+    """Microseconds to three figures; "-" for none."""
+    if us is None:
+        return "-"
+    return f"{us:.2f}" if us < 10 else f"{us:.1f}" if us < 100 else f"{us:.0f}"
+
+
+def listed(text: str, what: str, known: Iterable[str]) -> list[str]:
+    """Names separated by commas, or "all".
+
+    Raises:
+        SystemExit: one of them is not known.
+    """
+    try:
+        return benchmark.chosen(what, text, list(known))
+    except ValueError as error:
+        raise SystemExit(str(error)) from None
+
+
+def headline(where: Machine) -> str:
+    return (
+        f"{where.device}; driver {where.driver or '?'}; torch {where.torch}; CUDA {where.cuda or '-'}; "
+        f"python {platform.python_version()}; {where.commit or 'no commit'}"
+    )

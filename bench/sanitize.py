@@ -1,0 +1,116 @@
+"""Draws a small image in every way there is, for compute-sanitizer: every CUDA variant, every path of it, small queues, depth.
+
+compute-sanitizer --tool memcheck python bench/sanitize.py
+compute-sanitizer --tool racecheck python bench/sanitize.py --quick
+
+Each image is compared with the CPU's, so it is also a test by itself. With --device cpu it draws the CPU's variants, which says
+whether the script runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import time
+
+import numpy as np
+import torch
+
+import bigtri
+from bigtri import native, scenes
+
+PATHS: dict[str, dict[str, int]] = {
+    "as it is": {},
+    "few": {"few": 10**6},
+    "some": {"few": 0, "some": 65536},
+    "many": {"few": 0, "some": 0},
+    "many, queue 1": {"few": 0, "some": 0, "queue": 1},
+    "many, threshold 0": {"few": 0, "some": 0, "threshold": 0},
+    "many, threshold 10^9, read first": {"few": 0, "some": 0, "threshold": 10**9, "read_first": 1},
+    "few, entries 1": {"few": 10**6, "entries": 1},
+    "some, entries 1, 4 warps": {"few": 0, "some": 65536, "entries": 1, "warps": 4},
+    "few, 16 warps": {"few": 10**6, "warps": 16},
+    "one block": {"blocks": 1},
+}
+QUICK = ("as it is", "few", "some", "many", "many, queue 1")
+CULLS = ("none", "back")
+
+
+def clip_space(seed: int, count: int, w: tuple[float, float]) -> scenes.Scene:
+    """Triangles anywhere in clip space, w uniform over the interval: with one below 0, most of them are clipped."""
+    rng = np.random.default_rng(seed)
+    positions = rng.uniform(-2, 2, (3 * count, 4))
+    positions[:, 3] = rng.uniform(*w, 3 * count)
+    return scenes.Scene(positions.astype(np.float32), np.arange(3 * count, dtype=np.int32).reshape(-1, 3))
+
+
+def bad_values(scene: scenes.Scene) -> scenes.Scene:
+    """The same triangles, some of them with a NaN, an infinity or no area."""
+    positions, triangles = scene.positions.copy(), scene.triangles.copy()
+    positions[0, 0], positions[4, 3], positions[7] = np.nan, np.inf, positions[8]
+    triangles[3] = triangles[3, 0]
+    return scenes.Scene(positions, triangles)
+
+
+def pictures(width: int, height: int) -> dict[str, scenes.Scene]:
+    def in_pixels(mesh: scenes.Mesh) -> scenes.Scene:
+        return scenes.to_clip(mesh, width, height)
+
+    rng = np.random.default_rng(5)
+    ends = rng.uniform([0, 0], [width, height], (40, 2, 2))
+    thin = np.concatenate([ends, ends[:, 1:] + rng.uniform(-1.5, 1.5, (40, 1, 2))], axis=1)
+    return {
+        "large": in_pixels(scenes.large(20, width, height, 1, area=(300, 4000))),
+        "very large": in_pixels(scenes.very_large(12, width, height, 2)),
+        "full screens": in_pixels(scenes.full_screen(9, width, height, 3, back_to_front=True)),
+        "mesh": in_pixels(scenes.small_mesh(3000, width, height, 4)),
+        "slivers": in_pixels(scenes.soup(thin, scenes.tilted(rng, 40, 0.02))),
+        "clipped": clip_space(6, 60, (-1, 1.5)),
+        "clipped by far planes": clip_space(7, 300, (0.2, 0.6)),
+        "bad values": bad_values(clip_space(8, 30, (0.5, 2))),
+        "one": in_pixels(scenes.full_screen(1, width, height, 9, back_to_front=False)),
+        "none": scenes.Scene(np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32)),
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--size", default="200x150", help="WIDTHxHEIGHT (default 200x150)")
+    parser.add_argument("--quick", action="store_true", help="only the main paths, without culling and scissor")
+    parser.add_argument("--total", type=float, default=1e9, help="s: skip the rest after that, and say so")
+    parser.add_argument("--device", default="cuda", choices=("cuda", "cpu"))
+    arguments = parser.parse_args()
+    width, height = map(int, arguments.size.split("x"))
+    if arguments.device not in native.devices():
+        raise SystemExit(f"no {arguments.device} here")
+    paths = {name: PATHS[name] for name in (QUICK if arguments.quick else PATHS)}
+    scissors = [None] if arguments.quick else [None, (3, 70, width - 9, height - 1)]
+    end = time.perf_counter() + arguments.total
+    drawn = wrong = skipped = 0
+    for title, scene in pictures(width, height).items():
+        on_cpu = [torch.from_numpy(array) for array in scene]
+        here = [tensor.to(arguments.device) for tensor in on_cpu]
+        for cull, scissor in ((c, s) for c in (CULLS[:1] if arguments.quick else CULLS) for s in scissors):
+            how = {"cull": cull, "scissor": scissor}
+            expected = bigtri.rasterize(*on_cpu, (height, width), backend="native", **how)
+            for variant, (path, tuning) in ((v, p) for v in native.VARIANTS[arguments.device] for p in paths.items()):
+                for depth in (False, True):
+                    if time.perf_counter() > end:
+                        skipped += 1
+                        continue
+                    with native.cuda_tuning(**tuning) if arguments.device == "cuda" else contextlib.nullcontext():
+                        seen = bigtri.rasterize(*here, (height, width), variant=variant, depth=depth, **how)
+                    bits = int((seen.packed.cpu() != expected.packed).sum()) + int(seen.dropped != expected.dropped)
+                    if seen.depth is not None:
+                        bits += int((seen.depth.cpu().view(torch.int32) != expected.depth.view(torch.int32)).sum())
+                    drawn, wrong = drawn + 1, wrong + bits
+                    if bits:
+                        print(f"{title}; {how}; {variant}, {path}, depth={depth}: {bits} values differ", flush=True)
+        print(f"{title}: done after {drawn} images", flush=True)
+    print(f"{drawn} images, {wrong} values differ from the CPU's" + (f", {skipped} skipped: --total" if skipped else ""))
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
