@@ -1,0 +1,452 @@
+"""How GPU time grows, for each CUDA variant and for each path of bin_owned. One CSV, one row per (point, way).
+
+* `designs`: few large (S1), many large (S2) and very large triangles (S3) at 1920x1080, `persistent` beside `two_stage`;
+* `count`: 1 to 1,000,000 triangles of 500 to 5000 px, and a mesh of 10 px triangles of 10 to 10,000,000, at 1920x1080;
+* `area`: the number of *fragments* is fixed, so more area means fewer triangles. One layer of mesh over 16384x16384, triangles
+of 100 px to one over all of it; and four layers over 1920x1080 of 2 to 100,000 px, as bench/scaling.py has it for the CPU;
+* `depth`: 1 to 2500 triangles that each cover 1920x1080, front to back, back to front, and in random order;
+* `resolution`: 32 very large triangles (as S3), and one full-screen triangle, on squares of 256 to 16384 px;
+* `threshold`: four layers over 1920x1080 of triangles of 10 to 30,000 px, with the bbox above which a triangle is queued from 0
+to 10^9 px: bin_owned's path for many, and the other variants.
+
+A way is a variant, or `bin_owned` kept to one of its paths by `bigtri.native.cuda_tuning`: few, some, many. Time is the median of
+graph replays (cuda_clock.py). A way that takes more than 50 ms is left out of the rest of its curve, and so is one that would by
+its growth. Images are compared with the CPU's up to 2^24 px and 2,000,000 triangles, above that with the first way's.
+
+    python bench/cuda_scaling.py --csv build/gpu/cuda_scaling.csv --total 150
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import cuda_clock
+import cuda_run
+import numpy as np
+import torch
+from cuda_clock import Clock, Machine, text_of
+
+import bigtri
+from bigtri import benchmark, native, scenes
+
+WIDTH, HEIGHT = 1920, 1080  # px, where a curve does not vary them
+SIDE = 16384  # px, of `area`
+LAYERS = 4
+LIMIT = 50_000  # us
+GUESS = 4  # a way is tried while its time, grown with the number of triangles, stays below so many limits
+MAX_BYTES = 8 << 30
+CPU_PIXELS, CPU_TRIANGLES = 1 << 24, 2_000_000  # up to here an image is compared with the CPU's
+PATHS = {"few": {"few": 10**6}, "some": {"few": 0, "some": 65536}, "many": {"few": 0, "some": 0}}
+MOST = {"some": 65536}  # triangles beyond which the path cannot be had
+THRESHOLDS = (0, 256, 1000, 4000, 16000, 10**9)  # px of bbox
+AT_LEAST = 15  # repeats
+
+
+class Way(NamedTuple):
+    """A variant and the settings it runs with."""
+
+    variant: str
+    path: str  # of bin_owned: one of `PATHS`, or "" for its own choice
+    tuning: dict[str, int]
+
+    @property
+    def name(self) -> str:
+        return f"{self.variant} {self.path}".strip()
+
+
+class Point(NamedTuple):
+    """A place on a curve; the triangles are made when they are asked for."""
+
+    curve: str
+    kind: str
+    x: int
+    width: int
+    height: int
+    make: Callable[[], scenes.Mesh]
+    threshold: int | None = None
+    turns: int = 1  # how often the ways take turns
+
+
+@dataclasses.dataclass
+class Row:
+    """The CSV's columns."""
+
+    curve: str
+    kind: str
+    x: int
+    width: int  # px
+    height: int  # px
+    variant: str
+    path: str
+    threshold: int | None
+    triangles: int
+    method: str
+    us_median: float
+    us_min: float
+    us_p25: float
+    us_p75: float
+    repeats: int
+    wrong_pixels: int
+    against: str  # what the image was compared with
+    us_memset: float | None  # of the image, in the same run
+    device: str
+    driver: str
+    torch: str
+    cuda: str
+    commit: str
+    command: str
+
+
+def ways(variants: tuple[str, ...]) -> list[Way]:
+    """Every variant as it is, then bin_owned's paths."""
+    found = [Way(variant, "", {}) for variant in variants]
+    return found + [Way("bin_owned", path, tuning) for path, tuning in PATHS.items() if "bin_owned" in variants]
+
+
+# --- the curves
+
+
+def scattered(count: int, width: int, height: int, seed: int, area: tuple[float, float]) -> scenes.Mesh:
+    """Triangles of any orientation, area log-uniform, with their centre on the screen: as scenes.large, but all at once."""
+    rng = np.random.default_rng(seed)
+    turn = rng.uniform(0, 2 * np.pi, (count, 1)) + np.array([0, 2, 4]) * np.pi / 3 + rng.uniform(-0.5, 0.5, (count, 3))
+    corners = np.stack([np.cos(turn), np.sin(turn)], axis=2)
+    side = corners[:, 1:] - corners[:, :1]
+    here = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0]) / 2
+    wanted = np.exp(rng.uniform(*np.log(area), count))
+    centre = rng.uniform([0, 0], [width, height], (count, 1, 2))
+    return scenes.soup(corners * np.sqrt(wanted / here)[:, None, None] + centre, scenes.tilted(rng, count, 0.03))
+
+
+def layers_of(area: float, width: int, height: int, layers: int) -> scenes.Mesh:
+    """Whole layers of mesh, triangles of about `area` px."""
+    cell = (2 * area) ** 0.5  # px
+    columns, rows = int(np.ceil(width / cell)), int(np.ceil(height / cell))
+    return scenes.small_mesh(layers * 2 * columns * rows, width, height, scenes.SEED, cell)
+
+
+def shuffled(mesh: scenes.Mesh) -> scenes.Mesh:
+    return mesh._replace(triangles=np.random.default_rng(scenes.SEED).permutation(mesh.triangles))
+
+
+def design_points() -> Iterator[Point]:
+    for kind, name in (("few large", "S1"), ("many large", "S2"), ("very large", "S3")):
+        count = {"S1": 8, "S2": 64, "S3": 32}[name]
+        yield Point("designs", kind, count, WIDTH, HEIGHT, lambda name=name: scenes.pixel_mesh(name, WIDTH, HEIGHT), turns=3)
+
+
+def count_points() -> Iterator[Point]:
+    for count in (1, 8, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 65536, 262144, 1048576):
+        make = lambda count=count: scattered(count, WIDTH, HEIGHT, scenes.SEED, (500, 5000))  # noqa: E731
+        yield Point("count", "500 to 5000 px", count, WIDTH, HEIGHT, make)
+    for count in (10, 100, 1000, 3000, 10_000, 30_000, 100_000, 1_000_000, 10_000_000):
+        make = lambda count=count: scenes.small_mesh(count, WIDTH, HEIGHT, scenes.SEED)  # noqa: E731
+        yield Point("count", "mesh, 10 px", count, WIDTH, HEIGHT, make)
+
+
+def area_points() -> Iterator[Point]:
+    """The largest first, so that the number of triangles grows along the curve."""
+    one = lambda: scenes.full_screen(1, SIDE, SIDE, scenes.SEED, back_to_front=False)  # noqa: E731
+    yield Point("area", "1 layer, 16384 x 16384", SIDE * SIDE, SIDE, SIDE, one)
+    for area in (2**27, 2**25, 2**22, 2**19, 2**16, 2**13, 1000, 100):
+        make = lambda area=area: layers_of(area, SIDE, SIDE, 1)  # noqa: E731
+        yield Point("area", "1 layer, 16384 x 16384", area, SIDE, SIDE, make)
+    for area in (100_000, 10_000, 2000, 500, 100, 50, 20, 10, 5, 2):
+        make = lambda area=area: layers_of(area, WIDTH, HEIGHT, LAYERS)  # noqa: E731
+        yield Point("area", f"{LAYERS} layers, {WIDTH} x {HEIGHT}", area, WIDTH, HEIGHT, make)
+
+
+def depth_points() -> Iterator[Point]:
+    for layers in (1, 5, 20, 50, 200, 1000, 2500):
+        for kind in ("front to back", "back to front", "random order"):
+
+            def make(layers: int = layers, kind: str = kind) -> scenes.Mesh:
+                mesh = scenes.full_screen(layers, WIDTH, HEIGHT, scenes.SEED, back_to_front=kind == "back to front")
+                return shuffled(mesh) if kind == "random order" else mesh
+
+            yield Point("depth", kind, layers, WIDTH, HEIGHT, make)
+
+
+def resolution_points() -> Iterator[Point]:
+    side = 256
+    while side <= SIDE:
+        many = lambda side=side: scenes.very_large(32, side, side, scenes.SEED)  # noqa: E731
+        yield Point("resolution", "32 very large", side, side, side, many)
+        one = lambda side=side: scenes.full_screen(1, side, side, scenes.SEED, back_to_front=False)  # noqa: E731
+        yield Point("resolution", "1 full screen", side, side, side, one)
+        side *= 2
+
+
+def threshold_points() -> Iterator[Point]:
+    for area in (30_000, 8000, 2000, 500, 100, 10):
+        for threshold in THRESHOLDS:
+            make = lambda area=area: layers_of(area, WIDTH, HEIGHT, LAYERS)  # noqa: E731
+            yield Point("threshold", f"{area} px", threshold, WIDTH, HEIGHT, make, threshold)
+
+
+CURVES: dict[str, Callable[[], Iterator[Point]]] = {
+    "designs": design_points,
+    "count": count_points,
+    "area": area_points,
+    "depth": depth_points,
+    "resolution": resolution_points,
+    "threshold": threshold_points,
+}
+
+
+# --- measuring
+
+
+class Limits:
+    """Which ways have become too slow on which curve."""
+
+    def __init__(self) -> None:
+        self.last: dict[tuple[str, str, str], tuple[int, float]] = {}  # triangles and us of the last point
+
+    def allows(self, point: Point, way: Way, triangles: int) -> bool:
+        """Whether to try: not beyond what the path can do, nor where time would pass the limit by far."""
+        if triangles > MOST.get(way.path, triangles):
+            return False
+        if point.curve == "threshold" and (way.path not in ("", "many") or way.name == "bin_owned"):
+            return False  # does not look at the threshold, or is "many" under another name
+        before, us = self.last.get((point.curve, point.kind, way.name), (triangles, 0.0))
+        return us <= LIMIT and us * max(1.0, triangles / max(before, 1)) <= GUESS * LIMIT
+
+    def saw(self, point: Point, way: Way, triangles: int, us: float) -> None:
+        if point.curve != "threshold":  # where time does not grow along the curve
+            self.last[point.curve, point.kind, way.name] = (triangles, us)
+
+
+class Stage:
+    """A point's tensors on the device."""
+
+    def __init__(self, point: Point, scene: scenes.Scene, device: torch.device) -> None:
+        self.size = (point.height, point.width)
+        on_cpu = [torch.from_numpy(array) for array in scene]
+        self.positions, self.triangles = (tensor.to(device) for tensor in on_cpu)
+        self.packed = torch.empty(self.size, dtype=torch.int64, device=device)
+        self.expected: torch.Tensor | None = None
+        self.against = ""
+        if point.width * point.height <= CPU_PIXELS and len(scene.triangles) <= CPU_TRIANGLES:
+            seen = bigtri.rasterize(*on_cpu, self.size, backend="native", depth=False)
+            self.expected, self.against = seen.packed.to(device), "cpu"
+
+    def draw(self, variant: str) -> None:
+        bigtri.rasterize(self.positions, self.triangles, self.size, depth=False, out=self.packed, variant=variant)
+
+    def wrong_pixels(self, way: Way, again: cuda_clock.Call) -> int:
+        self.packed.fill_(cuda_clock.POISON)
+        again()
+        if self.expected is None:
+            self.expected, self.against = self.packed.clone(), way.name
+            return 0
+        return sum(int((a != b).sum()) for a, b in zip(self.packed.split(4096), self.expected.split(4096), strict=True))
+
+
+def settings(way: Way, point: Point, device: torch.device) -> contextlib.AbstractContextManager:
+    """The way's tuning, with the point's threshold."""
+    changes = dict(way.tuning)
+    if point.threshold is not None:
+        changes["threshold"] = point.threshold
+    return native.cuda_tuning(**changes) if changes and device.type == "cuda" else contextlib.nullcontext()
+
+
+class Scaling:
+    """Measures points and keeps the rows."""
+
+    def __init__(self, clock: Clock, where: Machine, device: torch.device, seconds: float, floor=None) -> None:
+        self.clock, self.where, self.device, self.seconds, self.floor = clock, where, device, seconds, floor
+        self.limits = Limits()
+        self.rows: list[Row] = []
+        self.failures: list[str] = []
+        self.memset_us: dict[tuple[int, int], float] = {}
+
+    def point(self, point: Point, scene: scenes.Scene, todo: list[Way]) -> None:
+        stage = Stage(point, scene, self.device)
+        us_memset = self.memset(stage)
+        count = len(scene.triangles)
+        times: dict[str, list[float]] = {}
+        wrong: dict[str, int] = {}
+        for turn in range(point.turns):
+            for way in todo if turn % 2 == 0 else reversed(todo):
+                if not self.limits.allows(point, way, count):
+                    continue
+                try:
+                    with settings(way, point, self.device):
+                        us = self.time(stage, way, point, count, wrong)
+                except RuntimeError as error:
+                    self.failures.append(f"{point.curve} {point.kind} {point.x} {way.name}: {str(error).splitlines()[0]}")
+                    if self.device.type == "cuda":
+                        torch.cuda.synchronize()  # raises again if the device is lost
+                    continue
+                if us:
+                    times.setdefault(way.name, []).extend(us)
+        for way in todo:
+            if way.name in times:
+                self.rows.append(self.row(point, way, count, times[way.name], wrong[way.name], stage.against, us_memset))
+
+    def time(self, stage: Stage, way: Way, point: Point, count: int, wrong: dict[str, int]) -> list[float]:
+        """Microseconds of graph replays; none where a first call passes the limit."""
+
+        def call() -> None:
+            stage.draw(way.variant)
+
+        call()
+        first = self.clock.once(call)
+        self.limits.saw(point, way, count, first)
+        if first > LIMIT:
+            return []
+        us, again = self.clock.measure(call, "graph", self.seconds, AT_LEAST)
+        wrong[way.name] = max(wrong.get(way.name, 0), stage.wrong_pixels(way, again))
+        self.limits.saw(point, way, count, statistics.median(us))
+        return us
+
+    def memset(self, stage: Stage) -> float | None:
+        if self.floor and stage.size not in self.memset_us:
+            us, _ = self.clock.measure(lambda: self.floor.memset(stage.packed), "graph", self.seconds, AT_LEAST)
+            self.memset_us[stage.size] = statistics.median(us)
+        return self.memset_us.get(stage.size)
+
+    def row(self, point: Point, way: Way, count: int, us: list[float], wrong: int, against: str, memset: float | None) -> Row:
+        timing = benchmark.summary(us)
+        return Row(
+            curve=point.curve,
+            kind=point.kind,
+            x=point.x,
+            width=point.width,
+            height=point.height,
+            variant=way.variant,
+            path=way.path,
+            threshold=point.threshold,
+            triangles=count,
+            method="graph",
+            us_median=timing.median,
+            us_min=timing.minimum,
+            us_p25=timing.p25,
+            us_p75=timing.p75,
+            repeats=timing.repeats,
+            wrong_pixels=wrong,
+            against=against,
+            us_memset=memset,
+            **self.where._asdict(),
+        )
+
+
+def bytes_of(point: Point) -> int:
+    """Device memory for the image, what it is compared with and the comparison."""
+    return point.width * point.height * (8 + 8 + 1)
+
+
+def fits(point: Point, largest: int) -> bool:
+    return max(point.width, point.height) <= largest and bytes_of(point) <= MAX_BYTES
+
+
+def name_of(row: Row) -> str:
+    return f"{row.variant} {row.path}".strip()
+
+
+def point_line(rows: list[Row]) -> str:
+    """One point: every way's time."""
+    first = rows[0]
+    line = f"{first.curve:10} {first.kind:24} {first.x:>10} {first.triangles:>9}  memset {text_of(first.us_memset):>6}  "
+    line += "  ".join(f"{name_of(row)} {text_of(row.us_median)}" for row in rows)
+    wrong = sum(row.wrong_pixels for row in rows)
+    return line + (f"  WRONG PIXELS: {wrong}" if wrong else "")
+
+
+# The same two designs in an earlier project, on a GTX 1070 Ti: ms, persistent and two-stage. Only the ratio is to be compared.
+EARLIER_MS = {"few large": (0.991, 0.966), "many large": (1.521, 1.26), "very large": (2.126, 1.577)}
+
+
+def design_lines(rows: list[Row]) -> list[str]:
+    """persistent against two_stage on large triangles, beside the ratio of `EARLIER_MS`."""
+    lines = []
+    for kind, (persistent_ms, two_stage_ms) in EARLIER_MS.items():
+        us = {row.variant: row for row in rows if row.curve == "designs" and row.kind == kind and not row.path}
+        if not {"persistent", "two_stage"} <= us.keys():
+            continue
+        a, b = us["persistent"], us["two_stage"]
+        lines.append(
+            f"{kind:12} persistent {text_of(a.us_median):>7} us, two_stage {text_of(b.us_median):>7} us: ratio "
+            f"{a.us_median / b.us_median:.3f} (quartiles {a.us_p25 / b.us_p75:.3f} to {a.us_p75 / b.us_p25:.3f}); "
+            f"earlier {persistent_ms / two_stage_ms:.3f}"
+        )
+    return lines
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--curves", default="all", help=f"of {', '.join(CURVES)} (default all)")
+    parser.add_argument(
+        "--ways", default="all", help="variants, and 'bin_owned few' and so on, separated by commas (default all)"
+    )
+    parser.add_argument("--largest", type=int, default=SIDE, help=f"side of the largest image, px (default {SIDE}: 2 GiB)")
+    parser.add_argument("--most", type=int, default=10_000_000, help="triangles of the largest scene (default ten million)")
+    parser.add_argument("--seconds", type=float, default=0.03, help="time for each figure (default 0.03)")
+    parser.add_argument("--total", type=float, default=150, help="s for all, shared out among the curves (default 150)")
+    parser.add_argument("--csv", metavar="FILE", type=Path, help="write the rows there")
+    parser.add_argument("--dry-run", action="store_true", help="on the CPU by the host's clock: does it run?")
+    arguments = parser.parse_args(argv)
+    started = time.perf_counter()
+    device = cuda_run.device_for(arguments.dry_run)
+    everything = {way.name: way for way in ways(native.VARIANTS[device.type])}
+    todo = [everything[name] for name in cuda_clock.listed(arguments.ways, "way", everything)]
+    curves = cuda_clock.listed(arguments.curves, "curve", CURVES)
+    where = cuda_clock.machine()
+    print(cuda_clock.headline(where), flush=True)
+    clock: Clock = cuda_clock.WallClock()
+    if device.type == "cuda":
+        cuda_clock.warm_up()
+        clock = cuda_clock.CudaClock()
+    scaling = Scaling(clock, where, device, arguments.seconds, cuda_run.start_floor(device))
+
+    lost = False
+    for number, curve in enumerate(curves):
+        left = started + arguments.total - time.perf_counter()
+        end = time.perf_counter() + left / (len(curves) - number)
+        skipped = 0
+        made: tuple[str, scenes.Scene] | None = None  # the points of `threshold` share their scenes
+        for point in CURVES[curve]():
+            if time.perf_counter() > end or lost:
+                skipped += 1
+                continue
+            if not fits(point, arguments.largest) or (curve == "count" and point.x > arguments.most):
+                continue
+            label = f"{point.kind} {0 if curve == 'threshold' else point.x}"
+            if made is None or made[0] != label:
+                made = (label, scenes.to_clip(point.make(), point.width, point.height))
+            if len(made[1].triangles) > arguments.most:
+                continue
+            before = len(scaling.rows)
+            try:
+                scaling.point(point, made[1], todo)
+            except RuntimeError as error:
+                scaling.failures.append(f"{point.curve} {point.kind} {point.x}: {str(error).splitlines()[0]}")
+                lost = True
+            if scaling.rows[before:]:
+                print(point_line(scaling.rows[before:]), flush=True)
+            if device.type == "cuda" and not lost:
+                torch.cuda.empty_cache()
+        if arguments.csv:
+            cuda_clock.write_csv(arguments.csv, scaling.rows)
+        if skipped:
+            print(f"{curve}: {skipped} points left out, its share of --total was over")
+    print("\n".join(design_lines(scaling.rows)))
+    for failure in scaling.failures:
+        print("FAILED", failure)
+    wrong = sum(row.wrong_pixels for row in scaling.rows)
+    took = time.perf_counter() - started
+    print(f"{len(scaling.rows)} rows in {took:.0f} s; {wrong} wrong pixels; {len(scaling.failures)} failures")
+    return 1 if wrong or scaling.failures or not scaling.rows else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
