@@ -132,3 +132,11 @@ def poison(byte: int, *sizes: int) -> None:
     """Fill memory that the allocator will hand out next, so that what a kernel leaves unwritten is seen."""
     blocks = [torch.full((size,), byte, dtype=torch.uint8, device=DEVICE) for size in (*sizes, 8, 512, 2**20, 2**24, 2**26)]
     del blocks
+
+
+def operator_arguments(variant: str, name: str = "screen_size") -> tuple:
+    """Of ``torch.ops.bigtri.rasterize``."""
+    positions, triangles, (height, width) = uploaded(Scene(name))
+    outputs = [torch.zeros(shape, dtype=dtype, device=DEVICE) for shape, dtype in (((1, height, width), torch.int64),)]
+    outputs += [torch.zeros((1, height, width), device=DEVICE), torch.zeros(1, dtype=torch.int64, device=DEVICE)]
+    return (positions[None], triangles, height, width, "none", [0, 0, width, height], variant, *outputs)
