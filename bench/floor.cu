@@ -1,7 +1,8 @@
 // The floor under a rasterizer: what the image costs if the coverage is known beforehand. Every 8x8 px tile has a list of (mask of its 64 pixels, triangle). A warp
 // owns a tile, keeps two pixels a lane in registers, takes the list with a plane for each triangle, and writes each pixel once: depth in float32 and the triangle, 8
-// bytes. No set-up, no binning, no rejection of what is hidden, so scenes with many layers can be drawn faster than this. cuda_floor.py builds it, as a shared library
-// with a C interface, by nvcc; a C++ compiler makes the same without the kernels (c++ -x c++), which the tests run on the CPU.
+// bytes. No set-up, no binning, no rejection of what is hidden, so scenes with many layers can be drawn faster than this; no far plane, beyond which the scenes have
+// nothing. cuda_floor.py builds it, as a shared library with a C interface, by nvcc; a C++ compiler makes the same without the kernels (c++ -x c++), which the tests
+// run on the CPU.
 
 #include <math.h>
 #include <stdint.h>
