@@ -17,7 +17,7 @@ typedef void* cudaStream_t;
 
 namespace {
 
-constexpr int kTile = 8;                          // px
+constexpr int kTile = 8;  // px
 constexpr uint64_t kBackground = INT64_MAX;
 
 struct alignas(16) Item {
@@ -55,13 +55,13 @@ FLOOR_HD int32_t next(int32_t* counter) {
 }
 
 struct Lists {
-  const int32_t* corners;    // [N, 6]
-  const int32_t* boxes;      // [N, 4] x0, y0, x1, y1, half-open
+  const int32_t* corners;  // [N, 6]
+  const int32_t* boxes;  // [N, 4] x0, y0, x1, y1, half-open
   const int32_t* triangles;  // [N]
   int32_t records, columns;  // N; tiles in a row of tiles
-  int32_t* count;            // [tiles], zero at first
-  const int32_t* first;      // [tiles]: where a tile's list begins; not read where items is null
-  Item* items;               // or null: only count
+  int32_t* count;  // [tiles], zero at first
+  const int32_t* first;  // [tiles]: where a tile's list begins; not read where items is null
+  Item* items;  // or null: only count
 };
 
 // Items `from`, `from + step`, ... of a record's tiles.
@@ -90,7 +90,7 @@ struct Image {
   uint64_t* packed;  // [height, width]
   const Item* items;
   const int32_t* first;  // [tiles + 1]
-  const Plane* planes;   // [N]
+  const Plane* planes;  // [N]
   int32_t width, height, columns, tiles;
 };
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import importlib
 import math
@@ -108,6 +109,74 @@ def test_commit_comes_from_the_environment_without_git(monkeypatch: pytest.Monke
     monkeypatch.setattr(cuda_clock.benchmark, "commit", lambda: "")
     monkeypatch.setenv("BIGTRI_COMMIT", "1234567")
     assert cuda_clock.machine().commit == "1234567"
+
+
+class FakeCuda:
+    """Stands in for torch.cuda: counts, and every frame that is drawn takes 10 us."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.frames = self.sleeps = 0
+        self.captured: int | None = None
+        outer = self
+
+        class Event:
+            def __init__(self, enable_timing: bool) -> None:
+                assert enable_timing
+
+            def record(self) -> None:
+                self.at = outer.frames * 1e-2  # ms
+
+            def elapsed_time(self, end: Event) -> float:
+                return end.at - self.at
+
+        class Graph:
+            frames = 0
+
+            def replay(self) -> None:
+                outer.frames += self.frames
+
+        class Capture:
+            def __init__(self, graph: Graph, stream: object) -> None:
+                self.graph = graph
+
+            def __enter__(self) -> None:
+                outer.captured = 0
+
+            def __exit__(self, *exc: object) -> None:
+                self.graph.frames, outer.captured = outer.captured, None
+
+        class Stream:
+            def wait_stream(self, other: object) -> None: ...
+
+        stand_ins = {"Event": Event, "CUDAGraph": Graph, "graph": Capture, "Stream": Stream, "current_stream": Stream}
+        stand_ins |= {"stream": lambda stream: contextlib.nullcontext(), "synchronize": lambda: None, "_sleep": self.sleep}
+        for name, value in stand_ins.items():
+            monkeypatch.setattr(torch.cuda, name, value)
+
+    def sleep(self, cycles: int) -> None:
+        assert cycles > 0
+        self.sleeps += 1
+
+    def draw(self) -> None:
+        if self.captured is None:
+            self.frames += 1
+        else:
+            self.captured += 1
+
+
+@pytest.mark.parametrize("method", cuda_clock.METHODS)
+def test_clock_times_a_frame_by_every_method(monkeypatch: pytest.MonkeyPatch, method: str) -> None:
+    cuda = FakeCuda(monkeypatch)
+    clock = cuda_clock.CudaClock()
+    clock.buffer = torch.ones(8)  # of 256 MB otherwise
+    us, again = clock.measure(cuda.draw, method, 0.0)
+    assert us == pytest.approx([10.0] * len(us)) and len(us) == cuda.sleeps >= (
+        20 if method == "graph20" else cuda_clock.AT_LEAST
+    )
+    assert (clock.buffer == (0 if method == "cold" else 1)).all()
+    before = cuda.frames
+    again()
+    assert cuda.frames - before == (cuda_clock.IN_A_ROW if method == "graph20" else 1)
 
 
 class FakeClock:
