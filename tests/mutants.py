@@ -1,9 +1,9 @@
 """Breaks the extension on purpose, one formula at a time, and checks that the tests fail and name the stage.
 
-The mutations are in mutants.txt. The repository is copied to a temporary directory, with one instruction set and less
-optimisation, so that building is quick. A mutation is KILLED if a test fails and names one of the stages expected; one with a
-reason why nothing can tell is EQUIVALENT and has to survive. The exit status is 1 if any verdict is another, or if a mutation has
-lost its place.
+The mutations are in mutants.txt, with --cuda in mutants_cuda.txt: those of the CUDA kernels, which need a GPU. The repository is
+copied to a temporary directory, with one instruction set and less optimisation, so that building is quick. A mutation is KILLED
+if a test fails and names one of the stages expected; one with a reason why nothing can tell is EQUIVALENT and has to survive. The
+exit status is 1 if any verdict is another, or if a mutation has lost its place.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ class Mutation(NamedTuple):
     equivalent: str = ""  # why nothing can tell
 
 
-def read_mutations() -> list[Mutation]:
-    """Blocks of mutants.txt: ``name where: stages option=value``, ``- old``, ``+ new`` and, if no test can tell, ``= why``."""
+def read_mutations(file: str) -> list[Mutation]:
+    """Blocks of the file: ``name where: stages option=value``, ``- old``, ``+ new`` and, if no test can tell, ``= why``."""
     mutations = []
-    for block in re.sub(r"^#.*\n", "", ROOT.joinpath("tests/mutants.txt").read_text(), flags=re.M).strip().split("\n\n"):
+    for block in re.sub(r"^#.*\n", "", ROOT.joinpath("tests", file).read_text(), flags=re.M).strip().split("\n\n"):
         header, *lines = block.strip().split("\n")
         found = HEADER.fullmatch(header)
         if not found:
-            raise ValueError(f"mutants.txt: not a header: {header}")
+            raise ValueError(f"{file}: not a header: {header}")
         text = {sign: "\n".join(line[2:] for line in lines if line[0] == sign) for sign in "-+="}
         options = dict(option.split("=") for option in found[4].split())
         mutations.append(Mutation(found[1], found[2], found[3].split(), text["-"], text["+"], equivalent=text["="], **options))
@@ -101,10 +101,13 @@ def in_child(folder: Path, body: Callable[[], Any]) -> tuple[int, str]:
 
 
 class Copy:
-    """A copy of the repository, built with one instruction set under the name of the one that every machine has."""
+    """A copy of the repository, built with one instruction set under the name of the one that every machine has.
 
-    def __init__(self, root: Path) -> None:
-        self.root, self.isa = root, ""
+    cuda: build for CUDA too; what is mutated in core/ is then what nvcc reads, and the CPU stays as it is.
+    """
+
+    def __init__(self, root: Path, cuda: bool) -> None:
+        self.root, self.isa, self.cuda = root, "", cuda
         for name in ("bigtri", "tests"):
             shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
         for name in ("setup.py", "pyproject.toml"):
@@ -123,6 +126,7 @@ class Copy:
             self.isa = isa
 
         def body() -> None:
+            os.environ["BIGTRI_CUDA"] = str(int(self.cuda))
             sys.argv = ["setup.py", "-q", "build_ext", "--inplace"]
             runpy.run_path("setup.py", run_name="__main__")
 
@@ -140,8 +144,10 @@ class Copy:
     def judge(self, mutation: Mutation) -> tuple[str, str]:
         """The verdict, and what the tests said."""
         file, match = place_of(self.root, mutation)
-        before = file.read_text()
-        file.write_text(before[: match.start()] + mutation.new + before[match.end() :])
+        before, new = file.read_text(), mutation.new
+        if self.cuda and file.parent.name == "core":
+            new = f"\n#ifdef __CUDACC__\n{new}\n#else\n{match[0]}\n#endif\n"
+        file.write_text(before[: match.start()] + new + before[match.end() :])
         try:
             self.build(mutation.isa)
             status, said = self.test(mutation.test)
@@ -164,17 +170,19 @@ class Copy:
 _copy: Copy | None = None  # of this process
 
 
-def start_worker(folder: str) -> None:
+def start_worker(folder: str, cuda: bool) -> None:
     global _copy
     for slow in ("numpy", "torch.utils.cpp_extension", "trimesh", "pytest", "setuptools"):
         importlib.import_module(slow)
-    _copy = Copy(Path(tempfile.mkdtemp(dir=folder)))
+    _copy = Copy(Path(tempfile.mkdtemp(dir=folder)), cuda)
 
 
 def check_unmutated(tests: list[str]) -> str:
     """What fails before anything is broken."""
     assert _copy
     _copy.build("avx2" if has_isa("avx2") else "baseline")
+    if _copy.cuda and in_child(_copy.root, lambda: "cuda" not in importlib.import_module("bigtri.native").devices())[0]:
+        return "there is no CUDA device, and without one they are skipped"
     return "\n".join(said for status, said in map(_copy.test, tests) if status)
 
 
@@ -188,11 +196,12 @@ def work(mutation: Mutation) -> bool:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cuda", action="store_true", help="mutations of the CUDA kernels, on a machine with a GPU")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="run these mutations")
     parser.add_argument("--list", action="store_true", help="print the mutations and whether each has its place, and stop")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="mutations worked on at the same time (1)")
     arguments = parser.parse_args()
-    mutations = read_mutations()
+    mutations = read_mutations("mutants_cuda.txt" if arguments.cuda else "mutants.txt")
     if unknown := set(arguments.only or []) - {m.name for m in mutations}:
         parser.error(f"no such mutation: {', '.join(sorted(unknown))}")
     chosen = [m for m in mutations if not arguments.only or m.name in arguments.only]
@@ -208,9 +217,17 @@ def main() -> int:
             line = file.read_text()[: match.start()].count("\n") + 1
             print(f"{m.name:20} {'/'.join(m.stages):28} {file.relative_to(ROOT)}:{line}")
     complete = len(placed) == len(chosen)
+    if not complete:
+        print(f"{len(chosen) - len(placed)} of {len(chosen)} have lost their place")
     if arguments.list:
         return int(not complete)
-    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(arguments.jobs, FORK, start_worker, (folder,)) as pool:
+    if arguments.cuda and in_child(ROOT, lambda: not importlib.import_module("torch").cuda.is_available())[0]:
+        print("--cuda needs a torch built for CUDA and a GPU")
+        return 1
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        ProcessPoolExecutor(arguments.jobs, FORK, start_worker, (folder, arguments.cuda)) as pool,
+    ):
         if failure := pool.submit(check_unmutated, sorted({m.test for m in placed})).result():
             print(f"The tests fail without any mutation: {failure}")
             return 1

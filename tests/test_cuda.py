@@ -245,7 +245,6 @@ SETTINGS: dict[str, tuple[int | None, ...]] = {
     "entries": (None, 1, 2, 128),
     "queue": (None, 1, 2),
     "threshold": (0, 64, 4000, 10**9),
-    "read_first": (0, 1),
 }
 COMBINATIONS = 200
 
@@ -283,7 +282,7 @@ def test_settings_are_restored():
         assert inside == before._replace(warps=4, queue=3) == native.CudaTuning(*torch.ops.bigtri.cuda_tuning())
         raise KeyError
     assert native.CudaTuning(*torch.ops.bigtri.cuda_tuning()) == before
-    for wrong in ({"warps": 5}, {"entries": 0}, {"entries": 129}, {"queue": 0}, {"blocks": -1}, {"few": -1}, {"read_first": 2}):
+    for wrong in ({"warps": 5}, {"entries": 0}, {"entries": 129}, {"queue": 0}, {"blocks": -1}, {"few": -1}, {"some": 2**17}):
         with pytest.raises(RuntimeError, match="set_cuda_tuning"), native.cuda_tuning(**wrong):
             pass
     with pytest.raises(TypeError, match="got speed"), native.cuda_tuning(speed=1):
@@ -298,7 +297,7 @@ REPEATED = {
     "tiny queue": {"few": 0, "some": 0, "queue": 3},
     "tiny lists": {"few": 10**6, "entries": 2},
     "all queued": {"few": 0, "some": 0, "threshold": 0, "entries": 7},
-    "read first": {"few": 0, "some": 0, "read_first": 1, "threshold": 10**9},
+    "nothing queued": {"few": 0, "some": 0, "threshold": 10**9},
 }
 
 
