@@ -66,7 +66,7 @@ def encode_srgb(linear: ArrayT, *, backend: str = "auto") -> ArrayT:
     chosen = arrays.choose_backend(op, backend)
     values = arrays.tensor(op, "linear", linear, torch.float32, "[...]", _ANY_NDIM)
     if chosen == "native":
-        result = torch.ops.bigtri.encode_srgb(values, _THRESHOLDS.to(values.device))
+        result = torch.ops.bigtri.encode_srgb(values, _THRESHOLDS)  # on the CPU for a GPU too
     else:
         result = arrays.on_reference(reference.encode_srgb, values)
     return arrays.like(result, linear)

@@ -9,8 +9,8 @@ namespace bigtri {
 BIGTRI_HD double edge_at(const Primitive& p, int k, int64_t x, int64_t y) { return (double)edge_value(edge_of(p.x, p.y, k), pixel_centre(x), pixel_centre(y)); }
 
 // From e_k to the weights of the record's vertices (not clipped) or of the slots (clipped), in that order, not yet rounded to float32. D is double or a vector of doubles.
-template <class D>
-BIGTRI_HD void barycentrics(const Parent& parent, int record, const D e[3], D b[3]) {
+template <int kRecords, class D>
+BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const D e[3], D b[3]) {
   const double area = (double)parent.primitive[record].area;
   for (int k = 0; k < 3; ++k) b[k] = e[k] / area;
   if (parent.affine) return;

@@ -5,19 +5,24 @@
 
 namespace bigtri {
 
-// All records of a parent, with what attributes need.
-struct Parent {
+// Records of a parent, with what attributes need.
+template <int kRecords>
+struct ParentOf {
   int count;     // records
   bool clipped;
   bool affine;   // not clipped, and all w equal
   int first;     // clipped: the corner that is slot 0
-  Primitive primitive[kMaxSubTriangles];
-  double w[kMaxSubTriangles][3];           // of the record's vertices
-  double weights[kMaxSubTriangles][3][3];  // clipped: homogeneous, over the slots
+  Primitive primitive[kRecords];
+  double w[kRecords][3];           // of the record's vertices
+  double weights[kRecords][3][3];  // clipped: homogeneous, over the slots
 };
+using Parent = ParentOf<kMaxSubTriangles>;  // all of them; a GPU has no room for so many in every thread
 
 // corner of the parent that entry k of a record's barycentrics belongs to.
-BIGTRI_HD int corner_of(const Parent& p, int record, int k) { return p.clipped ? (p.first + k) % 3 : p.primitive[record].order[k]; }
+template <int kRecords>
+BIGTRI_HD int corner_of(const ParentOf<kRecords>& p, int record, int k) {
+  return p.clipped ? (p.first + k) % 3 : p.primitive[record].order[k];
+}
 
 BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], const Viewport& view, Parent* out) {
   out->count = 0;
@@ -62,10 +67,9 @@ BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], con
   return fate;
 }
 
-BIGTRI_HD bool covers(const Primitive& p, int64_t x, int64_t y) {
-  for (int k = 0; k < 3; ++k)
-    if (edge_steps(edge_of(p.x, p.y, k), x, y) < 0) return false;
-  return true;
+// Not a loop: nvcc does not unroll one that may end early, and keeps in slow memory what is then indexed.
+BIGTRI_HD bool covers(const Primitive& p, int32_t x, int32_t y) {
+  return edge_steps(edge_of(p.x, p.y, 0), x, y) >= 0 && edge_steps(edge_of(p.x, p.y, 1), x, y) >= 0 && edge_steps(edge_of(p.x, p.y, 2), x, y) >= 0;
 }
 
 // First record in fan order that covers the pixel, -1 if none does.

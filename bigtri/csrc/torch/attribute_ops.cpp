@@ -2,12 +2,10 @@
 
 #include <algorithm>
 
-#include "checks.h"
+#include "attribute_checks.h"
 
 namespace bigtri {
 namespace {
-
-constexpr int64_t kMaxTexture = 65536;  // px a side: texel coordinates stay exact in float32 and int32
 
 // body(i) for blocks of `step` elements out of `count`.
 template <class Body>
@@ -16,11 +14,8 @@ void in_blocks(int64_t count, int64_t step, Body body) {
 }
 
 Tensor resolve_rows(const char* op, const Tensor& packed, const Tensor& positions, const Tensor& triangles, const Tensor* attributes) {
-  check(op, "packed", packed, ScalarType::Long, {-1, -1, -1}, "int64 [B, H, W]");
+  check_interpolation(op, kCpu, packed, positions, triangles, attributes);
   const int64_t batch = packed.size(0), height = packed.size(1), width = packed.size(2);
-  check(op, "positions", positions, ScalarType::Float, {batch, -1, 4}, "float32 [B, V, 4]");
-  check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
-  if (packed.numel()) check_size(op, height, width);
   const int64_t vertices = positions.size(1), channels = attributes ? attributes->size(2) : 3;
   Tensor out = empty({batch, height, width, channels}, ScalarType::Float);
   if (out.numel() == 0) return out;
@@ -48,14 +43,7 @@ Tensor resolve_rows(const char* op, const Tensor& packed, const Tensor& position
 }
 
 Tensor interpolate_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, const Tensor& attributes) {
-  const char* op = "interpolate";
-  check(op, "attributes", attributes, ScalarType::Float, {-1, -1, -1}, "float32 [B or 1, V, C]");
-  check(op, "packed", packed, ScalarType::Long, {-1, -1, -1}, "int64 [B, H, W]");
-  check(op, "positions", positions, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
-  BIGTRI_CHECK((attributes.size(0) == 1 || attributes.size(0) == packed.size(0)) && attributes.size(1) == positions.size(1),
-               "bigtri::interpolate: attributes must be float32 [B or 1, V, C] with B and V of positions, ", describe(positions), ", got ",
-               describe(attributes));
-  return resolve_rows(op, packed, positions, triangles, &attributes);
+  return resolve_rows("interpolate", packed, positions, triangles, &attributes);
 }
 
 Tensor barycentrics_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles) {
@@ -63,30 +51,18 @@ Tensor barycentrics_op(const Tensor& packed, const Tensor& positions, const Tens
 }
 
 Tensor sample_texture_op(const Tensor& texture, const Tensor& uv, std::string filter, std::string wrap) {
-  const char* op = "sample_texture";
-  check(op, "texture", texture, ScalarType::Float, {-1, -1, -1}, "float32 [Ht, Wt, C]");
-  check(op, "uv", uv, ScalarType::Float, {-1, 2}, "float32 [N, 2]");
+  check_sample(kCpu, texture, uv, filter, wrap);
   const int64_t height = texture.size(0), width = texture.size(1), channels = texture.size(2);
-  BIGTRI_CHECK(height >= 1 && height <= kMaxTexture && width >= 1 && width <= kMaxTexture, "bigtri::sample_texture: texture must be 1 to ", kMaxTexture,
-               " px a side, got ", describe(texture));
-  BIGTRI_CHECK(filter == "nearest" || filter == "bilinear", "bigtri::sample_texture: filter must be 'nearest' or 'bilinear', got '", filter, "'");
-  BIGTRI_CHECK(wrap == "repeat" || wrap == "clamp", "bigtri::sample_texture: wrap must be 'repeat' or 'clamp', got '", wrap, "'");
   Tensor out = empty({uv.size(0), channels}, ScalarType::Float);
   in_blocks(uv.size(0), 16384, [&](int64_t begin, int64_t end) {
-    current_kernels().sample(const_data<float>(texture), (int)height, (int)width, channels, const_data<float>(uv) + 2 * begin, end - begin,
-                             filter == "nearest" ? Filter::kNearest : Filter::kBilinear, wrap == "repeat" ? Wrap::kRepeat : Wrap::kClamp,
-                             data<float>(out) + channels * begin);
+    current_kernels().sample(const_data<float>(texture), (int)height, (int)width, channels, const_data<float>(uv) + 2 * begin, end - begin, filter_of(filter),
+                             wrap_of(wrap), data<float>(out) + channels * begin);
   });
   return out;
 }
 
 Tensor lambert_op(const Tensor& normals, const Tensor& albedo, const Tensor& ambient, const Tensor& directions, const Tensor& colors) {
-  const char* op = "lambert";
-  check(op, "normals", normals, ScalarType::Float, {-1, 3}, "float32 [N, 3]");
-  check(op, "albedo", albedo, ScalarType::Float, {normals.size(0), 3}, "float32 [N, 3]");
-  check(op, "ambient", ambient, ScalarType::Float, {3}, "float32 [3]");
-  check(op, "light_directions", directions, ScalarType::Float, {-1, 3}, "float32 [L, 3]");
-  check(op, "light_colors", colors, ScalarType::Float, {directions.size(0), 3}, "float32 [L, 3]");
+  check_lambert(kCpu, normals, albedo, ambient, directions, colors);
   Tensor out = empty({normals.size(0), 3}, ScalarType::Float);
   in_blocks(normals.size(0), 16384, [&](int64_t begin, int64_t end) {
     current_kernels().lambert(const_data<float>(normals) + 3 * begin, const_data<float>(albedo) + 3 * begin, const_data<float>(ambient),
@@ -96,11 +72,8 @@ Tensor lambert_op(const Tensor& normals, const Tensor& albedo, const Tensor& amb
 }
 
 Tensor encode_srgb_op(const Tensor& linear, const Tensor& thresholds) {
-  BIGTRI_CHECK(linear.is_cpu() && linear.scalar_type() == ScalarType::Float && linear.is_contiguous(),
-               "bigtri::encode_srgb: linear must be a contiguous CPU tensor, float32, got ", describe(linear));
-  check("encode_srgb", "thresholds", thresholds, ScalarType::Float, {255}, "float32 [255]");
-  const auto sizes = linear.sizes();
-  Tensor out = empty(std::vector<int64_t>(sizes.begin(), sizes.end()), ScalarType::Byte);
+  check_encode(kCpu, linear, thresholds);
+  Tensor out = empty(shape_of(linear), ScalarType::Byte);
   in_blocks(linear.numel(), 65536, [&](int64_t begin, int64_t end) {
     current_kernels().encode_srgb(const_data<float>(linear) + begin, const_data<float>(thresholds), end - begin, data<uint8_t>(out) + begin);
   });

@@ -51,6 +51,21 @@ inline void check_cuda(const char* op, const char* name, const Tensor& t, int de
                " must be a contiguous tensor on CUDA device ", device, ", ", wanted, ", got ", describe(t));
 }
 
+constexpr int kCpu = -1;
+
+// On the CPU where device is kCpu, else on that CUDA device.
+inline void check_on(const char* op, const char* name, const Tensor& t, int device, ScalarType type, const std::vector<int64_t>& shape, const char* wanted) {
+  if (device == kCpu)
+    check(op, name, t, type, shape, wanted);
+  else
+    check_cuda(op, name, t, device, type, shape, wanted);
+}
+
+inline std::vector<int64_t> shape_of(const Tensor& t) {
+  const auto sizes = t.sizes();
+  return {sizes.begin(), sizes.end()};
+}
+
 inline void check_size(const char* op, int64_t height, int64_t width) {
   BIGTRI_CHECK(height >= 1 && height <= kMaxSize && width >= 1 && width <= kMaxSize, "bigtri::", op, ": height and width must be 1 to ", kMaxSize, ", got ",
                height, " and ", width);
@@ -76,8 +91,10 @@ const T* const_data(const Tensor& t) {
   return static_cast<const T*>(t.const_data_ptr());
 }
 
-inline Tensor empty(const std::vector<int64_t>& shape, ScalarType type) {
-  return torch::stable::empty(shape, type, std::nullopt, torch::stable::Device(torch::headeronly::DeviceType::CPU));
+inline Tensor empty(const std::vector<int64_t>& shape, ScalarType type, int device = kCpu) {
+  using torch::headeronly::DeviceType;
+  const torch::stable::Device place(device == kCpu ? DeviceType::CPU : DeviceType::CUDA, (torch::stable::DeviceIndex)device);
+  return torch::stable::empty(shape, type, std::nullopt, place);
 }
 
 // As many threads as torch uses (torch.set_num_threads), from a pool of our own.
