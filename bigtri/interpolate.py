@@ -30,7 +30,8 @@ def interpolate(
 
     Raises:
         TypeError, ValueError: an argument of another dtype, shape or device; the text names it.
-        RuntimeError: an index in ``triangles`` is out of range.
+        RuntimeError: an index in ``triangles`` is out of range. Not from the native backend on CUDA, which waits for nothing:
+            there the pixels of such a triangle read as background.
     """
     op = "interpolate"
     chosen = arrays.choose_backend(op, backend)
@@ -68,7 +69,8 @@ def barycentrics(visibility: Visibility | Array, positions: Array, triangles: Ar
 
     Raises:
         TypeError, ValueError: an argument of another dtype, shape or device; the text names it.
-        RuntimeError: an index in ``triangles`` is out of range.
+        RuntimeError: an index in ``triangles`` is out of range. Not from the native backend on CUDA, which waits for nothing:
+            there the pixels of such a triangle read as background.
     """
     op = "barycentrics"
     chosen = arrays.choose_backend(op, backend)
