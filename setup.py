@@ -2,7 +2,8 @@
 
 With a torch built for CUDA and a CUDA toolkit (CUDA_HOME, or nvcc on the PATH) the CUDA kernels are built too; no GPU has to be
 there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 insists on them. TORCH_CUDA_ARCH_LIST says for which architectures
-("7.5;9.0;12.0+PTX"); by default for the GPUs of this machine.
+("7.5;9.0;12.0+PTX"); by default for the GPUs of this
+machine, or for all of these where there is none.
 """
 
 import os
@@ -60,6 +61,8 @@ def sources(cuda: bool) -> list[str]:
 
 def extension() -> CppExtension:
     cuda = with_cuda()
+    if cuda and not torch.cuda.is_available():
+        os.environ.setdefault("TORCH_CUDA_ARCH_LIST", "7.5;8.0;8.6;8.9;9.0;10.0;12.0+PTX")
     flags = [*FLAGS, f"-DTORCH_TARGET_VERSION={TARGET_TORCH}"]
     if cuda:
         flags += ["-DUSE_CUDA"]  # torch's stable header then declares its CUDA functions

@@ -105,7 +105,6 @@ class CudaTuning(NamedTuple):
     entries: records that a block draws together, 1 to 128.
     queue: records that may wait; what finds no room is drawn on the spot.
     threshold: px of bbox above which a record waits for a block that owns the bin.
-    read_first: 1 to read a pixel before the atomic minimum on it.
     """
 
     few: int
@@ -115,7 +114,6 @@ class CudaTuning(NamedTuple):
     entries: int
     queue: int
     threshold: int
-    read_first: int
 
 
 @contextmanager

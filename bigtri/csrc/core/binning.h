@@ -10,16 +10,17 @@ BIGTRI_HD bool is_large(int x0, int y0, int x1, int y1, int64_t threshold) { ret
 // f of one edge over a bin: the value at the first pixel centre, its steps, and its extremes over the bin's centres. int64, before any narrowing:
 // far from the edge the value can exceed 2^31 hundreds of times.
 struct BinEdge {
-  int64_t f, sx, sy, lowest, highest;
+  int32_t sx, sy;
+  int64_t f, lowest, highest;
 };
 
 // The extremes of a linear function over a square of centres that starts at value f.
-BIGTRI_HD int64_t lowest_of(int64_t f, int64_t sx, int64_t sy, int last) { return f + last * (min_of<int64_t>(sx, 0) + min_of<int64_t>(sy, 0)); }
-BIGTRI_HD int64_t highest_of(int64_t f, int64_t sx, int64_t sy, int last) { return f + last * (max_of<int64_t>(sx, 0) + max_of<int64_t>(sy, 0)); }
+BIGTRI_HD int64_t lowest_of(int64_t f, int32_t sx, int32_t sy, int last) { return f + (int64_t)last * (min_of(sx, 0) + min_of(sy, 0)); }
+BIGTRI_HD int64_t highest_of(int64_t f, int32_t sx, int32_t sy, int last) { return f + (int64_t)last * (max_of(sx, 0) + max_of(sy, 0)); }
 
 BIGTRI_HD BinEdge bin_edge(const Edge& e, int bin_x, int bin_y) {
   BinEdge b;
-  b.f = edge_steps(e, (int64_t)bin_x * kBin, (int64_t)bin_y * kBin);
+  b.f = edge_steps(e, bin_x * kBin, bin_y * kBin);
   b.sx = -e.dy;
   b.sy = e.dx;
   b.lowest = lowest_of(b.f, b.sx, b.sy, kBin - 1);
@@ -35,7 +36,7 @@ struct NarrowEdge {
 
 BIGTRI_HD NarrowEdge narrow(const BinEdge& b) {
   if (b.lowest >= 0) return {0, 0, 0};
-  return {(int32_t)b.f, (int32_t)b.sx, (int32_t)b.sy};
+  return {(int32_t)b.f, b.sx, b.sy};
 }
 
 }  // namespace bigtri

@@ -24,7 +24,11 @@ BIGTRI_HD D plane_column(double dzdx, D i) {
 // float32, within the triangle's own range, never -0.
 BIGTRI_HD float finish_depth(double z, float zmin, float zmax) {
   const float f = (float)z;
+#if defined(__CUDA_ARCH__)
+  return fminf(fmaxf(f, zmin), zmax) + 0.0f;  // an instruction each; they may differ in the sign of a zero, which the addition takes away
+#else
   return min_of(max_of(f, zmin), zmax) + 0.0f;
+#endif
 }
 
 // A record's depth plane over one cell.
@@ -38,15 +42,15 @@ BIGTRI_HD float corner_depth(const CellPlane& p, float zmin, float zmax, int i, 
   return finish_depth(plane_row<double>(p.zcell, p.dzdy, y) + plane_column<double>(p.dzdx, x), zmin, zmax);
 }
 
-BIGTRI_HD int64_t absolute(int64_t v) { return v < 0 ? -v : v; }
+BIGTRI_HD int32_t absolute(int32_t v) { return v < 0 ? -v : v; }
 
 BIGTRI_HD bool is_thin(const int32_t x[3], const int32_t y[3], int64_t area) {
-  int64_t length = 0;
+  int32_t length = 0;  // below 2^28
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(x, y, k);
     length += absolute(e.dx) + absolute(e.dy);
   }
-  return kSubpixel * length > kThinRatio * area;
+  return (int64_t)kSubpixel * length > kThinRatio * area;
 }
 
 struct DepthGradient {
@@ -57,15 +61,15 @@ BIGTRI_HD DepthGradient depth_gradient(const int32_t x[3], const int32_t y[3], c
   double gx[3], gy[3];
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(x, y, k);
-    gx[k] = (double)(-kSubpixel * e.dy);
-    gy[k] = (double)(kSubpixel * e.dx);
+    gx[k] = -(double)kSubpixel * e.dy;
+    gy[k] = (double)kSubpixel * e.dx;
   }
   const double z0 = z[0], z1 = z[1], z2 = z[2], a = (double)area;
   return {weighted_depth<double>(gx[0], gx[1], gx[2], z0, z1, z2, a), weighted_depth<double>(gy[0], gy[1], gy[2], z0, z1, z2, a)};
 }
 
 // Through the unbiased edge values at the centre of pixel (x, y): the plane's anchor for a cell, or the depth itself of a thin triangle.
-BIGTRI_HD double depth_at(const int32_t px[3], const int32_t py[3], const float z[3], int64_t area, int64_t x, int64_t y) {
+BIGTRI_HD double depth_at(const int32_t px[3], const int32_t py[3], const float z[3], int64_t area, int32_t x, int32_t y) {
   double g[3];
   for (int k = 0; k < 3; ++k) g[k] = (double)edge_value(edge_of(px, py, k), pixel_centre(x), pixel_centre(y));
   return weighted_depth<double, double, double>(g[0], g[1], g[2], z[0], z[1], z[2], (double)area);

@@ -25,32 +25,30 @@ struct Viewport {
   int cull;
 };
 
-// One edge of a positively oriented triangle, from P along (dx, dy); subpx.
+// One edge of a positively oriented triangle, from P along (dx, dy); subpx. Differences of coordinates in [-2^23, 2^23) fit 25 bits.
 struct Edge {
-  int64_t px, py, dx, dy;
+  int32_t px, py, dx, dy;
 };
 
 // Edge k of a record is opposite its vertex k.
 BIGTRI_HD Edge edge_of(const int32_t x[3], const int32_t y[3], int k) {
   const int p = k == 2 ? 0 : k + 1, q = p == 2 ? 0 : p + 1;
-  return {x[p], y[p], (int64_t)x[q] - x[p], (int64_t)y[q] - y[p]};
+  return {x[p], y[p], x[q] - x[p], y[q] - y[p]};
 }
 
-// |coordinates| <= 2^23, so differences fit 25 bits with the sign and e fits 50: int64 is exact.
-BIGTRI_HD int64_t edge_value(const Edge& e, int64_t sx, int64_t sy) { return e.dx * (sy - e.py) - e.dy * (sx - e.px); }
+// Products of two such differences: e fits 50 bits, int64 is exact.
+BIGTRI_HD int64_t edge_value(const Edge& e, int32_t sx, int32_t sy) { return (int64_t)e.dx * (sy - e.py) - (int64_t)e.dy * (sx - e.px); }
 
 // Top-left rule: 0 where the edge owns the samples on it, else -1.
 BIGTRI_HD int64_t edge_bias(const Edge& e) { return (e.dy < 0 || (e.dy == 0 && e.dx > 0)) ? 0 : -1; }
 
 // The centre of pixel p, subpx.
-BIGTRI_HD int64_t pixel_centre(int64_t p) { return p * kSubpixel + kSubpixel / 2; }
+BIGTRI_HD int32_t pixel_centre(int32_t p) { return p * kSubpixel + kSubpixel / 2; }
 
 // floor((e + bias)/256) at the centre of pixel (x, y): covered where >= 0 for all three edges; changes by -dy and +dx per pixel.
-BIGTRI_HD int64_t edge_steps(const Edge& e, int64_t x, int64_t y) { return (edge_value(e, pixel_centre(x), pixel_centre(y)) + edge_bias(e)) >> kSubpixelBits; }
+BIGTRI_HD int64_t edge_steps(const Edge& e, int32_t x, int32_t y) { return (edge_value(e, pixel_centre(x), pixel_centre(y)) + edge_bias(e)) >> kSubpixelBits; }
 
 // Twice the signed area, subpx^2; > 0 is clockwise on the screen (y down).
-BIGTRI_HD int64_t twice_area(const int32_t x[3], const int32_t y[3]) {
-  return ((int64_t)x[1] - x[0]) * ((int64_t)y[2] - y[0]) - ((int64_t)y[1] - y[0]) * ((int64_t)x[2] - x[0]);
-}
+BIGTRI_HD int64_t twice_area(const int32_t x[3], const int32_t y[3]) { return (int64_t)(x[1] - x[0]) * (y[2] - y[0]) - (int64_t)(y[1] - y[0]) * (x[2] - x[0]); }
 
 }  // namespace bigtri

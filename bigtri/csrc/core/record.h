@@ -21,11 +21,11 @@ constexpr uint32_t kRecordLarge = 1, kRecordThin = 2, kRecordFar = 4;  // far: z
 
 // The direct path keeps f in int32 without the bin test that makes this safe for others. For a triangle of extent D <= 2^18 subpx (1024 px) and samples up to
 // 8 px beyond it, |e| <= 2 * D * (D + 2^11), so |f| < 2^30. A small bbox alone is not enough: the screen may have cut it from a huge triangle.
-constexpr int64_t kDirectExtent = 1 << 18;
+constexpr int32_t kDirectExtent = 1 << 18;
 
-BIGTRI_HD int64_t extent_of(const Primitive& p) {
-  const int64_t w = (int64_t)max_of(max_of(p.x[0], p.x[1]), p.x[2]) - min_of(min_of(p.x[0], p.x[1]), p.x[2]);
-  const int64_t h = (int64_t)max_of(max_of(p.y[0], p.y[1]), p.y[2]) - min_of(min_of(p.y[0], p.y[1]), p.y[2]);
+BIGTRI_HD int32_t extent_of(const Primitive& p) {
+  const int32_t w = max_of(max_of(p.x[0], p.x[1]), p.x[2]) - min_of(min_of(p.x[0], p.x[1]), p.x[2]);
+  const int32_t h = max_of(max_of(p.y[0], p.y[1]), p.y[2]) - min_of(min_of(p.y[0], p.y[1]), p.y[2]);
   return max_of(w, h);
 }
 

@@ -73,7 +73,7 @@ BIGTRI_HD bool covers(const Primitive& p, int32_t x, int32_t y) {
 }
 
 // First record in fan order that covers the pixel, -1 if none does.
-BIGTRI_HD int covering_record(const Parent& p, int64_t x, int64_t y) {
+BIGTRI_HD int covering_record(const Parent& p, int32_t x, int32_t y) {
   for (int s = 0; s < p.count; ++s)
     if (covers(p.primitive[s], x, y)) return s;
   return -1;

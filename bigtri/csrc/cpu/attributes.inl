@@ -27,7 +27,7 @@ void interpolate_eight(const AttributeJob& job, const Parent& parent, int record
   bool covered[8] = {true, true, true, true, true, true, true, true};
   for (int k = 0; k < 3; ++k) {
     const Edge edge = edge_of(p.x, p.y, k);
-    e[k] = edge_at(p, k, x, y) + load<f64x8>(kLaneDouble) * (double)(-kSubpixel * edge.dy);  // integers below 2^53: exact
+    e[k] = edge_at(p, k, x, y) + load<f64x8>(kLaneDouble) * (-(double)kSubpixel * edge.dy);  // integers below 2^53: exact
     const double least = -(double)edge_bias(edge);
     for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= least;
   }

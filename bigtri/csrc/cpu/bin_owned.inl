@@ -106,8 +106,8 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
   const i32x8 lane = load<i32x8>(kLaneInt);
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(r.x, r.y, k);
-    sx[k] = (int32_t)-e.dy;
-    sy[k] = (int32_t)e.dx;
+    sx[k] = -e.dy;
+    sy[k] = e.dx;
     row[k] = (int32_t)edge_steps(e, left + x0, top + y0) + lane * sx[k];
   }
   for (int y = y0; y < y1; ++y) {

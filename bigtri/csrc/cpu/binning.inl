@@ -27,9 +27,10 @@ int64_t bin_records(const Record* records, const uint32_t* candidates, int64_t b
     for (int y = r0; y <= r1; ++y) {
       int64_t high[3], low[3], step[3];
       for (int k = 0; k < 3; ++k) {
-        high[k] = corner[k].highest + (y - r0) * kBin * corner[k].sy;
-        low[k] = corner[k].lowest + (y - r0) * kBin * corner[k].sy;
-        step[k] = kBin * corner[k].sx;
+        const int64_t down = (int64_t)((y - r0) * kBin) * corner[k].sy;
+        high[k] = corner[k].highest + down;
+        low[k] = corner[k].lowest + down;
+        step[k] = (int64_t)kBin * corner[k].sx;
       }
       for (int x = c0; x <= c1; ++x) {
         if ((high[0] | high[1] | high[2]) >= 0) {  // sign bit clear in all three

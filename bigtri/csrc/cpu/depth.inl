@@ -33,8 +33,8 @@ BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* 
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(r.x, r.y, k);
     d->e[k] = (double)edge_value(e, pixel_centre(bin_x * kBin), pixel_centre(bin_y * kBin));
-    d->ex[k] = (double)(-kSubpixel * e.dy);
-    d->ey[k] = (double)(kSubpixel * e.dx);
+    d->ex[k] = -(double)kSubpixel * e.dy;
+    d->ey[k] = (double)kSubpixel * e.dx;
     d->z[k] = r.z[k];
   }
 }

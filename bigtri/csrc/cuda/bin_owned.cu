@@ -6,27 +6,27 @@
 #include "direct.cuh"
 #include "launch.cuh"
 #include "patch.cuh"
+#include "small.cuh"
 
 namespace bigtri {
 namespace {
 
 // --- few
 
-constexpr int kClipWarps = 4;  // triangles that are clipped at a time
+constexpr int kClipWarps = 3;  // triangles that are clipped at a time
 constexpr int kClipParts = kClipWarps * kMaxSubTriangles;
 
 template <int kWarps>
 struct FewShared {
   static constexpr int kChunk = kWarps * kWarp < 256 ? kWarps * kWarp : 256;  // triangles at a time
   static constexpr int kRecords = kChunk + kClipParts;
+  PatchShared patch;  // where draw_patch looks for it
   Record records[kRecords];
   uint32_t boxes[kRecords];
   int32_t clipped[kChunk];  // triangles of this chunk that have to be clipped
   int clip_count;
-  union {
-    PatchShared patch;
-    ClipScratch clip[kClipWarps];
-  };
+  __device__ ClipScratch* clip() { return reinterpret_cast<ClipScratch*>(patch.entries); }  // while nothing is drawn
+  static_assert(sizeof(ClipScratch) * kClipWarps <= sizeof(patch.entries), "clipping has room among the entries");
 };
 
 // The first chunk's patches start from the background and are written in any case; later chunks go on from what is there.
@@ -47,7 +47,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __g
       uint32_t box = kNoBox;
       if (base + thread < f.count) {
         Primitive p;
-        fate = set_up(f, (int32_t)(base + thread), &p);
+        fate = set_up(f, (int32_t)(base + thread), nullptr, &p);
         if (fate == Fate::kWhole) {
           fill_record(p, base + thread, &s.records[thread]);
           box = box_of(s.records[thread]);
@@ -70,17 +70,18 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __g
         for (int i = kChunk + thread; i < kRecords; i += kWarps * kWarp) s.boxes[i] = kNoBox;
         __syncthreads();
         if (warp < kClipWarps && clip + warp < clip_count) {
-          Primitive p;
+          Primitive part;
           const int32_t t = s.clipped[clip + warp];
-          if (clip_part(f, t, &s.clip[warp], &p)) {
+          if (clip_part(f, t, s.clip() + warp, &part)) {
             const int slot = kChunk + warp * kMaxSubTriangles + lane_id();
-            fill_record(p, t, &s.records[slot]);
+            fill_record(part, t, &s.records[slot]);
             s.boxes[slot] = box_of(s.records[slot]);
           }
         }
+        __syncthreads();
       }
       const Candidates candidates = {s.records, s.boxes, records};
-      for (int i = blockIdx.x; i < patches; i += gridDim.x) draw_patch<kWarps, Output::kWrite>(f, candidates, i, room, &s.patch, !first);
+      for (int i = blockIdx.x; i < patches; i += gridDim.x) draw_patch<kWarps, Output::kWrite>(f, candidates, Patch<kWarps>::at(f.view, i), room, !first);
       first = false;
     }
   }
@@ -110,17 +111,24 @@ struct Records {
   int triangles, blocks;
 
   __host__ __device__ int first_part(int block) const { return triangles + block * kParts; }
-  __device__ int count() const {
-    int n = triangles;
-    for (int b = 0; b < blocks; ++b) n += part_count[b];
-    return n;
+};
+
+struct RecordCandidates {
+  const Record* records;
+  const uint32_t* boxes;
+  const Records& all;
+  int count;
+
+  __device__ explicit RecordCandidates(const Records& r) : records(r.records), boxes(r.boxes), all(r), count(r.triangles) {
+    for (int b = 0; b < r.blocks; ++b) count += r.part_count[b];
   }
-  __device__ __forceinline__ int slot(int i) const {
-    if (i < triangles) return i;
-    i -= triangles;
+  __device__ __forceinline__ int slot(int i) const { return i < all.triangles ? i : part_slot(i - all.triangles); }
+
+ private:
+  __device__ __noinline__ int part_slot(int i) const {
     int b = 0;
-    for (; i >= part_count[b]; ++b) i -= part_count[b];
-    return first_part(b) + i;
+    for (; i >= all.part_count[b]; ++b) i -= all.part_count[b];
+    return all.first_part(b) + i;
   }
 };
 
@@ -141,23 +149,25 @@ __device__ __forceinline__ void put_record(const Primitive& p, int64_t triangle,
   *box = is_sliver(p) ? kSliverBox : box_of(*record);
 }
 
-__global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_constant__ Frame f, Records r) {
+__global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
   __shared__ ClipScratch clip[kSetupThreads / kWarp];
   __shared__ int parts;
+  let_next_begin();
   if (threadIdx.x == 0) parts = 0;
   __syncthreads();
   const int64_t t = (int64_t)blockIdx.x * kSetupThreads + threadIdx.x;
   Primitive p;
-  const Fate fate = t < f.count ? set_up(f, (int32_t)t, &p) : Fate::kNothing;
+  const Fate fate = t < f.count ? set_up(f, (int32_t)t, nullptr, &p) : Fate::kNothing;
   if (fate == Fate::kWhole)
     put_record(p, t, r.records + t, r.boxes + t);
   else if (t < f.count)
     r.boxes[t] = kNoBox;
   for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
     const int32_t triangle = (int32_t)(t - lane_id()) + __ffs(todo) - 1;
-    if (clip_part(f, triangle, &clip[threadIdx.x / kWarp], &p)) {
+    Primitive part;
+    if (clip_part(f, triangle, &clip[threadIdx.x / kWarp], &part)) {
       const int64_t slot = (int64_t)r.first_part((int)blockIdx.x) + atomicAdd(&parts, 1);
-      put_record(p, triangle, r.records + slot, r.boxes + slot);
+      put_record(part, triangle, r.records + slot, r.boxes + slot);
     }
   }
   const int dropped = __syncthreads_count(fate == Fate::kDropped);
@@ -168,10 +178,12 @@ __global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_con
 }
 
 template <int kWarps>
-__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_some(const __grid_constant__ Frame f, Records r, int room) {
-  __shared__ PatchShared s;
+__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_some(const __grid_constant__ Frame f, const __grid_constant__ Records r, int room) {
   const int patches = Patch<kWarps>::count(f.view);
-  for (int i = blockIdx.x; i < patches; i += gridDim.x) draw_patch<kWarps, Output::kWrite>(f, r, i, room, &s, false);
+  let_next_begin();
+  wait_for_previous();
+  const RecordCandidates candidates(r);
+  for (int i = blockIdx.x; i < patches; i += gridDim.x) draw_patch<kWarps, Output::kWrite>(f, candidates, Patch<kWarps>::at(f.view, i), room, false);
   if (blockIdx.x == 0 && threadIdx.x == 0) {
     int64_t dropped = 0;
     for (int i = 0; i < r.blocks; ++i) dropped += r.dropped[i];
@@ -181,10 +193,13 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_some(const __
 
 constexpr int kSliverThreads = 128;
 
-__global__ void __launch_bounds__(kSliverThreads) draw_slivers(const __grid_constant__ Frame f, Records r) {
-  for (int i = blockIdx.x, n = r.count(); i < n; i += gridDim.x) {
-    const int slot = r.slot(i);
-    if (r.boxes[slot] == kSliverBox) draw_sliver(f, r.records[slot], threadIdx.x, kSliverThreads);
+__global__ void __launch_bounds__(kSliverThreads) draw_slivers(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
+  let_next_begin();
+  wait_for_previous();
+  const RecordCandidates candidates(r);
+  for (int i = blockIdx.x; i < candidates.count; i += gridDim.x) {
+    const int slot = candidates.slot(i);
+    if (r.boxes[slot] == kSliverBox) draw_sliver(f.packed, f.view.width, r.records + slot, threadIdx.x, kSliverThreads);
   }
 }
 
@@ -195,14 +210,12 @@ cudaError_t launch_some(const Frame& f, const Tuning& t, void* memory, cudaStrea
   set_up_records<<<r.blocks, kSetupThreads, 0, stream>>>(f, r);
   BIGTRI_CUDA(cudaGetLastError());
   int blocks;
-  BIGTRI_CUDA(blocks_for(draw_some<kWarps>, kWarps * kWarp, 0, Patch<kWarps>::count(f.view), t, &blocks));
+  BIGTRI_CUDA(blocks_for(draw_some<kWarps>, kWarps * kWarp, sizeof(PatchShared), Patch<kWarps>::count(f.view), t, &blocks));
   Frame undrawn = f;
   undrawn.depth = nullptr;  // slivers are still to come
-  draw_some<kWarps><<<blocks, kWarps * kWarp, 0, stream>>>(undrawn, r, (int)t.entries);
-  BIGTRI_CUDA(cudaGetLastError());
+  BIGTRI_CUDA(launch_next(draw_some<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared), stream, undrawn, r, (int)t.entries));
   BIGTRI_CUDA(blocks_for(draw_slivers, kSliverThreads, 0, f.count, t, &blocks));
-  draw_slivers<<<blocks, kSliverThreads, 0, stream>>>(f, r);
-  return cudaGetLastError();
+  return launch_next(draw_slivers, blocks, kSliverThreads, 0, stream, f, r);
 }
 
 // --- many
@@ -214,6 +227,7 @@ struct Queues {
   uint32_t* boxes;  // of the large ones
   uint32_t* counters;
   uint32_t room;  // of either
+  Vertex* projected;  // all vertices, or null
 };
 
 Queues take_queues(Scratch* scratch, const Frame& f, const Tuning& t) {
@@ -223,26 +237,25 @@ Queues take_queues(Scratch* scratch, const Frame& f, const Tuning& t) {
   q.slivers = scratch->take<Record>(q.room);
   q.boxes = scratch->take<uint32_t>(q.room);
   q.counters = scratch->take<uint32_t>(kCounters);
+  q.projected = take_projected(scratch, f);
   return q;
 }
 
 constexpr int kManyThreads = 256;
 
 union ManyShared {
-  Jobs jobs;
+  SmallShared small;
   ClipScratch clip;
   Record record;
   __device__ ManyShared() {}
 };
 
-// Draws or queues the lanes' primitives; all lanes.
-__device__ __forceinline__ void dispatch(const Frame& f, const Queues& q, const Tuning& t, const Primitive& p, int64_t triangle, bool have, ManyShared* s) {
-  const bool small = have && is_small(p);
-  draw_small(f, p, (uint32_t)triangle, small, &s->jobs, t.read_first);
-  bool now = have && !small;
+// Queues what waits for a block, and draws the rest at once, a primitive at a time; all lanes. Rarely called, so that its registers cost the small ones nothing.
+__device__ __noinline__ void queue_or_draw(const Frame& f, const Queues& q, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
   Record record;
-  if (now) {
-    fill_record(p, triangle, &record, t.threshold);
+  bool now = have;
+  if (have) {
+    fill_record(p, triangle, &record, threshold);
     const bool sliver = is_sliver(p);
     if (sliver || (record.flags & kRecordLarge)) {
       const uint32_t slot = atomicAdd(&q.counters[sliver ? kSliverCount : kLargeCount], 1u);
@@ -255,27 +268,33 @@ __device__ __forceinline__ void dispatch(const Frame& f, const Queues& q, const 
   }
   for (unsigned todo = __ballot_sync(kAllLanes, now); todo; todo &= todo - 1) {
     __syncwarp();
-    if (lane_id() == __ffs(todo) - 1) s->record = record;
+    if (lane_id() == __ffs(todo) - 1) *shared = record;
     __syncwarp();
-    warp_draw(f, s->record);
+    warp_draw(f, *shared);
   }
   __syncwarp();
 }
 
 // Each warp takes `share` triangles, so that there are warps enough also where triangles are not.
-__global__ void __launch_bounds__(kManyThreads) draw_many(const __grid_constant__ Frame f, Queues q, Tuning t, int share) {
+__global__ void __launch_bounds__(kManyThreads, 4)
+    draw_many(const __grid_constant__ Frame f, const __grid_constant__ Queues q, const __grid_constant__ Tuning t, int share) {
   __shared__ ManyShared shared[kManyThreads / kWarp];
   ManyShared* s = &shared[threadIdx.x / kWarp];
+  let_next_begin();
+  wait_for_previous();
   const int64_t first = ((int64_t)blockIdx.x * (kManyThreads / kWarp) + threadIdx.x / kWarp) * share;
   const bool mine = lane_id() < share && first + lane_id() < f.count;
   Primitive p;
-  const Fate fate = mine ? set_up(f, (int32_t)(first + lane_id()), &p) : Fate::kNothing;
-  dispatch(f, q, t, p, first + lane_id(), fate == Fate::kWhole, s);
+  const Fate fate = mine ? set_up(f, (int32_t)(first + lane_id()), q.projected, &p) : Fate::kNothing;
+  const bool whole = fate == Fate::kWhole, small = whole && is_small(p);
+  draw_small(f, p, (uint32_t)(first + lane_id()), small, &s->small);
+  if (__any_sync(kAllLanes, whole && !small)) queue_or_draw(f, q, t.threshold, p, first + lane_id(), whole && !small, &s->record);
   for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
     const int64_t triangle = first + __ffs(todo) - 1;
-    const bool have = clip_part(f, (int32_t)triangle, &s->clip, &p);
+    Primitive part;
+    const bool have = clip_part(f, (int32_t)triangle, &s->clip, &part);
     __syncwarp();
-    dispatch(f, q, t, p, triangle, have, s);
+    queue_or_draw(f, q, t.threshold, part, triangle, have, &s->record);
   }
   const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
   if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
@@ -283,41 +302,28 @@ __global__ void __launch_bounds__(kManyThreads) draw_many(const __grid_constant_
 
 // What waits, onto what has been drawn.
 template <int kWarps>
-__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_queued(const __grid_constant__ Frame f, Queues q, int room) {
-  __shared__ PatchShared s;
+__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_queued(const __grid_constant__ Frame f, const __grid_constant__ Queues q, int room) {
+  let_next_begin();
+  wait_for_previous();
   const int large = (int)min_of(q.counters[kLargeCount], q.room), slivers = (int)min_of(q.counters[kSliverCount], q.room);
   if (large > 0)
     for (int i = blockIdx.x, n = Patch<kWarps>::count(f.view); i < n; i += gridDim.x)
-      draw_patch<kWarps, Output::kMerge>(f, Candidates{q.large, q.boxes, large}, i, room, &s, false);
-  for (int i = blockIdx.x; i < slivers; i += gridDim.x) draw_sliver(f, q.slivers[i], threadIdx.x, kWarps * kWarp);
+      draw_patch<kWarps, Output::kMerge>(f, Candidates{q.large, q.boxes, large}, Patch<kWarps>::at(f.view, i), room, false);
+  for (int i = blockIdx.x; i < slivers; i += gridDim.x) draw_sliver(f.packed, f.view.width, q.slivers + i, threadIdx.x, kWarps * kWarp);
 }
 
 template <int kWarps>
 cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   const Queues q = take_queues(&scratch, f, t);
+  BIGTRI_CUDA(launch_clear(f, t, q.projected, q.counters, kCounters, stream));
+  int share;
+  int64_t set_up_blocks;
+  BIGTRI_CUDA(share_triangles(draw_many, kManyThreads, f.count, &share, &set_up_blocks));
+  BIGTRI_CUDA(launch_next(draw_many, set_up_blocks, kManyThreads, 0, stream, f, q, t, share));
   int blocks;
-  const int64_t pixels = (int64_t)f.view.width * f.view.height;
-  BIGTRI_CUDA(blocks_for(clear_frame, 256, 0, (pixels + 511) / 512, t, &blocks));
-  clear_frame<<<blocks, 256, 0, stream>>>(f, q.counters, kCounters);
-  BIGTRI_CUDA(cudaGetLastError());
-  int share = kWarp;
-  BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(draw_many), kManyThreads, 0, &blocks));
-  while (share > 1 && f.count / share < blocks * (kManyThreads / kWarp)) share /= 2;
-  const int64_t warps = (f.count + share - 1) / share;
-  draw_many<<<(unsigned)((warps * kWarp + kManyThreads - 1) / kManyThreads), kManyThreads, 0, stream>>>(f, q, t, share);
-  BIGTRI_CUDA(cudaGetLastError());
-  BIGTRI_CUDA(blocks_for(draw_queued<kWarps>, kWarps * kWarp, 0, Patch<kWarps>::count(f.view), t, &blocks));
-  draw_queued<kWarps><<<blocks, kWarps * kWarp, 0, stream>>>(f, q, (int)t.entries);
-  return cudaGetLastError();
-}
-
-cudaError_t launch_depth(const Frame& f, const Tuning& t, cudaStream_t stream) {
-  if (!f.depth) return cudaSuccess;
-  int blocks;
-  BIGTRI_CUDA(blocks_for(write_depth, 256, 0, ((int64_t)f.view.width * f.view.height + 255) / 256, t, &blocks));
-  write_depth<<<blocks, 256, 0, stream>>>(f);
-  return cudaGetLastError();
+  BIGTRI_CUDA(blocks_for(draw_queued<kWarps>, kWarps * kWarp, sizeof(PatchShared), Patch<kWarps>::count(f.view), t, &blocks));
+  return launch_next(draw_queued<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared), stream, f, q, (int)t.entries);
 }
 
 template <int kWarps>

@@ -1,8 +1,8 @@
-// Drawing at once, with an atomic minimum a fragment, on a frame that has been cleared: four lanes for a small triangle, a warp for anything else. Nothing waits,
-// so nothing needs room.
+// Drawing at once, with an atomic minimum a fragment, on a frame that has been cleared. Nothing waits, so nothing needs room.
 #pragma once
 
 #include "fragment.cuh"
+#include "launch.cuh"
 
 namespace bigtri {
 namespace {
@@ -73,122 +73,68 @@ constexpr int kSliverLines = 64;  // px; shorter ones are not worth a block
 constexpr int kSliverWidth = 4;  // px, on average, at most
 
 __device__ __forceinline__ bool is_sliver(const Primitive& p) {
-  return max_of(p.x1 - p.x0, p.y1 - p.y0) >= kSliverLines && p.area <= 2 * kSliverWidth * kSubpixel * extent_of(p);
+  return max_of(p.x1 - p.x0, p.y1 - p.y0) >= kSliverLines && p.area <= (int64_t)(2 * kSliverWidth * kSubpixel) * extent_of(p);
 }
 
-// By threads [0, count) of whom this is the one given.
-__device__ __forceinline__ void draw_sliver(const Frame& f, const Record& r, int thread, int count) {
+// By `count` threads, of whom this is number `thread`; packed: the frame, of rows of `width`. A call, so that its registers cost its callers nothing.
+__device__ __noinline__ void draw_sliver(int64_t* packed, int width, const Record* record, int thread, int count) {
+  const Record r = *record;
   const bool wide = r.x1 - r.x0 >= r.y1 - r.y0;  // a line is a column of the image, else a row
-  const int lines = wide ? r.x1 - r.x0 : r.y1 - r.y0;
+  const int lines = wide ? r.x1 - r.x0 : r.y1 - r.y0, length = wide ? r.y1 - r.y0 : r.x1 - r.x0;
+  int64_t first[3];             // f at the corner of the bbox
+  int32_t step[3], to_next[3];  // of f along a line and to the next one
+  float per_step[3];
+  for (int k = 0; k < 3; ++k) {
+    const Edge e = edge_of(r.x, r.y, k);
+    first[k] = edge_steps(e, r.x0, r.y0);
+    step[k] = wide ? e.dx : -e.dy;
+    to_next[k] = wide ? -e.dy : e.dx;
+    per_step[k] = -1.0f / (float)step[k];
+  }
   for (int n = thread; n < lines; n += count) {
-    const int x = wide ? r.x0 + n : r.x0, y = wide ? r.y0 : r.y0 + n;
-    int64_t lower = 0, upper = wide ? r.y1 - r.y0 : r.x1 - r.x0;
+    // Where the line enters and leaves: float32 quotients below 2^14 are off by less than the slack. Which pixels are covered, the edges say.
+    constexpr float kSlack = 1.0f / 256.0f;
+    int64_t at[3];
+    int lower = 0, upper = length;
     for (int k = 0; k < 3; ++k) {
-      const Edge e = edge_of(r.x, r.y, k);
-      cut_span(edge_steps(e, x, y), wide ? e.dx : -e.dy, &lower, &upper);
+      at[k] = first[k] + (int64_t)to_next[k] * n;
+      const float crossing = min_of(max_of((float)at[k] * per_step[k], -1.0f), (float)length);
+      if (step[k] > 0) lower = max_of(lower, __float2int_ru(crossing - kSlack));
+      if (step[k] < 0) upper = min_of(upper, __float2int_rd(crossing + kSlack) + 1);
+      if (step[k] == 0 && at[k] < 0) upper = 0;
     }
-    int cell_x = -1, cell_y = -1;
+    for (int k = 0; k < 3; ++k) at[k] += (int64_t)step[k] * lower;
+    int cell = -1;
     CellPlane plane;
-    for (int64_t at = lower; at < upper; ++at) {
-      const int px = wide ? x : x + (int)at, py = wide ? y + (int)at : y;
+    const int px0 = wide ? r.x0 + n : r.x0, py0 = wide ? r.y0 : r.y0 + n;
+    int64_t* const line = packed + (int64_t)py0 * width + px0;
+    const int64_t stride = wide ? width : 1;
+    for (int i = lower; i < upper; ++i) {
+      const bool covered = (at[0] | at[1] | at[2]) >= 0;
+      for (int k = 0; k < 3; ++k) at[k] += step[k];
+      if (!covered) continue;
+      const int px = wide ? px0 : px0 + i, py = wide ? py0 + i : py0;
       float z;
       if (r.flags & kRecordThin) {
-        z = thin_depth(&r, px, py);
+        z = thin_depth(record, px, py);
       } else {
-        if (px / kBin != cell_x || py / kBin != cell_y) {
-          cell_x = px / kBin;
-          cell_y = py / kBin;
-          plane = cell_plane(r, cell_x, cell_y);
+        const int here = (wide ? py : px) / kBin;
+        if (here != cell) {
+          cell = here;
+          plane = cell_plane(r, px / kBin, py / kBin);
         }
         z = finish_depth(plane_row<double>(plane.zcell, plane.dzdy, py % kBin) + plane_column<double>(plane.dzdx, px % kBin), r.zmin, r.zmax);
       }
-      keep_nearest(f.packed + (int64_t)py * f.view.width + px, pack_fragment(z, r.triangle), false);
+      keep_nearest(line + i * stride, pack_fragment(z, r.triangle), false);
     }
-  }
-}
-
-// --- Small triangles: four lanes take the pixels of an aligned sector of 32 bytes, since an atomic on several of its pixels costs no more than on one.
-
-constexpr int kSmallSide = 16;  // px
-constexpr int kSectorPixels = 4;
-
-// A small record within one cell, in a warp's shared memory: a column a job.
-struct Jobs {
-  int32_t f[3][kWarp], sx[3][kWarp], sy[3][kWarp];  // f at (x0 & ~3, y0)
-  uint32_t columns[kWarp], rows[kWarp];  // first and end, px, 16 bits each
-  double zcell[kWarp], dzdx[kWarp], dzdy[kWarp];
-  float zmin[kWarp], zmax[kWarp];
-  uint32_t triangle[kWarp];
-};
-
-__device__ __forceinline__ bool is_small(const Primitive& p) {
-  return p.x1 - p.x0 <= kSmallSide && p.y1 - p.y0 <= kSmallSide && extent_of(p) <= kDirectExtent && !is_thin(p.x, p.y, p.area);
-}
-
-// Draws the lanes' small primitives, a cell of each at a time. All lanes; have: whether this one has any.
-__device__ __forceinline__ void draw_small(const Frame& f, const Primitive& p, uint32_t triangle, bool have, Jobs* jobs, bool read_first) {
-  int cells = 0, across = 1;
-  DepthGradient g = {0.0, 0.0};
-  float zmin = 0.0f, zmax = 0.0f;
-  if (have) {
-    across = (p.x1 - 1) / kBin - p.x0 / kBin + 1;
-    cells = across * ((p.y1 - 1) / kBin - p.y0 / kBin + 1);
-    g = depth_gradient(p.x, p.y, p.z, p.area);
-    zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
-    zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
-  }
-  for (int c = 0;; ++c) {
-    const unsigned some = __ballot_sync(kAllLanes, c < cells);
-    if (!some) return;
-    if (c < cells) {
-      const int slot = __popc(some & lanes_below());
-      const int cell_x = p.x0 / kBin + (c >= across ? c - across : c), cell_y = p.y0 / kBin + (c >= across ? 1 : 0);
-      const int x0 = max_of(p.x0, cell_x * kBin), x1 = min_of(p.x1, (cell_x + 1) * kBin);
-      const int y0 = max_of(p.y0, cell_y * kBin), y1 = min_of(p.y1, (cell_y + 1) * kBin);
-      for (int k = 0; k < 3; ++k) {
-        const Edge e = edge_of(p.x, p.y, k);
-        jobs->f[k][slot] = (int32_t)edge_steps(e, x0 & ~(kSectorPixels - 1), y0);
-        jobs->sx[k][slot] = (int32_t)-e.dy;
-        jobs->sy[k][slot] = (int32_t)e.dx;
-      }
-      jobs->columns[slot] = (uint32_t)x0 | (uint32_t)x1 << 16;
-      jobs->rows[slot] = (uint32_t)y0 | (uint32_t)y1 << 16;
-      jobs->zcell[slot] = depth_at(p.x, p.y, p.z, p.area, cell_x * kBin, cell_y * kBin);
-      jobs->dzdx[slot] = g.dzdx;
-      jobs->dzdy[slot] = g.dzdy;
-      jobs->zmin[slot] = zmin;
-      jobs->zmax[slot] = zmax;
-      jobs->triangle[slot] = triangle;
-    }
-    __syncwarp();
-    const int count = __popc(some);
-    for (int j = lane_id() / kSectorPixels; j < count; j += kWarp / kSectorPixels) {
-      const int x0 = (int)(jobs->columns[j] & 0xffff), x1 = (int)(jobs->columns[j] >> 16), y0 = (int)(jobs->rows[j] & 0xffff), y1 = (int)(jobs->rows[j] >> 16);
-      const int start = x0 & ~(kSectorPixels - 1);
-      for (int x = start + lane_id() % kSectorPixels; x < x1; x += kSectorPixels) {
-        if (x < x0) continue;
-        int32_t at[3];
-        for (int k = 0; k < 3; ++k) at[k] = jobs->f[k][j] + (x - start) * jobs->sx[k][j];
-        const double column = plane_column<double>(jobs->dzdx[j], x % kBin);
-        double line = y0 % kBin;
-        int64_t* pixel = f.packed + (int64_t)y0 * f.view.width + x;
-        for (int y = y0; y < y1; ++y, pixel += f.view.width, line += 1.0) {
-          if ((at[0] | at[1] | at[2]) >= 0) {
-            const float z = finish_depth(plane_row<double>(jobs->zcell[j], jobs->dzdy[j], line) + column, jobs->zmin[j], jobs->zmax[j]);
-            keep_nearest(pixel, pack_fragment(z, jobs->triangle[j]), read_first);
-          }
-          for (int k = 0; k < 3; ++k) at[k] += jobs->sy[k][j];
-        }
-      }
-    }
-    __syncwarp();
   }
 }
 
 // --- The frame
 
-// Background everywhere, and zeros in the counters.
-__global__ void clear_frame(Frame f, uint32_t* counters, int counter_count) {
+// Background everywhere, zeros in the counters, and the vertices projected where there is room for them.
+__global__ void clear_frame(const __grid_constant__ Frame f, Vertex* projected, uint32_t* counters, int counter_count) {
+  let_next_begin();
   const int64_t n = (int64_t)f.view.width * f.view.height, stride = (int64_t)gridDim.x * blockDim.x, first = (int64_t)blockIdx.x * blockDim.x + threadIdx.x;
   if (((uintptr_t)f.packed & 15) == 0) {
     for (int64_t i = first; i < n / 2; i += stride) reinterpret_cast<longlong2*>(f.packed)[i] = make_longlong2(kBackground, kBackground);
@@ -196,14 +142,57 @@ __global__ void clear_frame(Frame f, uint32_t* counters, int counter_count) {
   } else {
     for (int64_t i = first; i < n; i += stride) f.packed[i] = kBackground;
   }
+  if (projected)
+    for (int64_t i = first; i < f.vertices; i += stride) {
+      float v[4];
+      load_vertex(f, i, v);
+      projected[i] = project_vertex(v, f.view.width, f.view.height);
+    }
   if (first == 0) *f.dropped = 0;
   if (first < counter_count) counters[first] = 0;
 }
 
 // The depth image of a finished frame.
-__global__ void write_depth(Frame f) {
+__global__ void write_depth(const __grid_constant__ Frame f) {
+  wait_for_previous();
   const int64_t n = (int64_t)f.view.width * f.view.height, stride = (int64_t)gridDim.x * blockDim.x;
   for (int64_t i = (int64_t)blockIdx.x * blockDim.x + threadIdx.x; i < n; i += stride) f.depth[i] = depth_of(f.packed[i]);
+}
+
+// Room for the projected vertices, or null: projecting each once pays where triangles share them, not where most are left out.
+Vertex* take_projected(Scratch* scratch, const Frame& f) {
+  if (f.vertices > 2 * (int64_t)f.count) return nullptr;
+  return scratch->take<Vertex>(f.vertices);
+}
+
+// A frame's first kernel.
+cudaError_t launch_clear(const Frame& f, const Tuning& t, Vertex* projected, uint32_t* counters, int counter_count, cudaStream_t stream) {
+  int blocks;
+  BIGTRI_CUDA(
+      blocks_for(clear_frame, 256, 0, max_of(((int64_t)f.view.width * f.view.height + 511) / 512, projected ? (f.vertices + 255) / 256 : 0), t, &blocks));
+  clear_frame<<<blocks, 256, 0, stream>>>(f, projected, counters, counter_count);
+  return cudaGetLastError();
+}
+
+// Its last one, where a depth image is wanted.
+cudaError_t launch_depth(const Frame& f, const Tuning& t, cudaStream_t stream) {
+  if (!f.depth) return cudaSuccess;
+  int blocks;
+  BIGTRI_CUDA(blocks_for(write_depth, 256, 0, ((int64_t)f.view.width * f.view.height + 255) / 256, t, &blocks));
+  return launch_next(write_depth, blocks, 256, 0, stream, f);
+}
+
+// For kernels in which a warp sets up `share` triangles: as many as it has lanes, or fewer where triangles are fewer, so that there are warps enough.
+template <class Kernel>
+cudaError_t share_triangles(Kernel kernel, int threads, int64_t triangles, int* share, int64_t* blocks) {
+  int resident;
+  BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), threads, 0, &resident));
+  const int64_t warps = (int64_t)resident * (threads / kWarp);
+  *share = kWarp;
+  while (*share > 1 && triangles / *share < warps) *share /= 2;
+  const int64_t each = (int64_t)(threads / kWarp) * *share;
+  *blocks = (triangles + each - 1) / each;
+  return cudaSuccess;
 }
 
 }  // namespace

@@ -31,15 +31,15 @@ __device__ __forceinline__ CellPlane cell_plane(const Record& r, int bin_x, int 
   return {depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin), r.dzdx, r.dzdy};
 }
 
-__device__ __forceinline__ bool make_entry(const Record* r, int bin_x, int bin_y, Entry* e) {
-  if (!narrow_edges(*r, bin_x, bin_y, e->edge)) return false;
+// Of a record that no edge keeps out of the bin.
+__device__ __forceinline__ void make_entry(const Record* r, int bin_x, int bin_y, Entry* e) {
+  narrow_edges(*r, bin_x, bin_y, e->edge);
   e->plane = cell_plane(*r, bin_x, bin_y);
   e->zmin = r->zmin;
   e->zmax = r->zmax;
   e->triangle = r->triangle;
   e->flags = r->flags;
   e->record = r;
-  return true;
 }
 
 // Extremes of f over the centres from (x, y) to (x + last_x, y + last_y) of the bin.

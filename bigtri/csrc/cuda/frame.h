@@ -28,9 +28,8 @@ struct Tuning {
   int64_t entries = 128;       // records that a block draws together, at most 128
   int64_t queue = 1 << 18;     // records that may wait; what finds no room is drawn on the spot
   int64_t threshold = kLargeThreshold;  // px of bbox above which a record waits for a block that owns the bin
-  int64_t read_first = 0;      // read a pixel before the atomic on it
 };
-constexpr int kTuningFields = 8;
+constexpr int kTuningFields = 7;
 Tuning tuning();
 // False, and nothing changed, if a field is out of range.
 bool set_tuning(const Tuning& t);

@@ -7,6 +7,9 @@
 
 namespace bigtri {
 
+// Whether a kernel can be launched before the one in front of it has ended: on a device of compute capability 9, and if it was compiled for one, so that it waits where it has to.
+cudaError_t overlaps_launches(const void* kernel, bool* yes);
+
 // As many blocks of the kernel as the current device holds at once; asked for once per kernel and device.
 cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_bytes, int* blocks);
 
@@ -25,6 +28,37 @@ cudaError_t blocks_for(Kernel kernel, int threads, int64_t shared_bytes, int64_t
   if (t.blocks > 0) *blocks = (int)t.blocks;
   if (work < *blocks) *blocks = (int)(work < 1 ? 1 : work);
   return cudaSuccess;
+}
+
+// A kernel of a frame begins while the one in front of it still ends: it may not touch what that one writes before wait_for_previous(), which every kernel but a frame's first calls, so that
+// none can overtake the one before last either.
+__device__ __forceinline__ void wait_for_previous() {
+#if __CUDA_ARCH__ >= 900
+  cudaGridDependencySynchronize();
+#endif
+}
+__device__ __forceinline__ void let_next_begin() {
+#if __CUDA_ARCH__ >= 900
+  cudaTriggerProgrammaticLaunchCompletion();
+#endif
+}
+
+// Launches a kernel behind another of the same frame.
+template <class... Parameters, class... Arguments>
+cudaError_t launch_next(void (*kernel)(Parameters...), int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
+  bool overlap;
+  BIGTRI_CUDA(overlaps_launches(reinterpret_cast<const void*>(kernel), &overlap));
+  cudaLaunchAttribute attribute = {};
+  attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
+  attribute.val.programmaticStreamSerializationAllowed = 1;
+  cudaLaunchConfig_t config = {};
+  config.gridDim = dim3((unsigned)blocks);
+  config.blockDim = dim3((unsigned)threads);
+  config.dynamicSmemBytes = (size_t)shared_bytes;
+  config.stream = stream;
+  config.attrs = &attribute;
+  config.numAttrs = overlap ? 1 : 0;
+  return cudaLaunchKernelEx(&config, kernel, Parameters(arguments)...);
 }
 
 // Hands out parts of scratch memory, or with no memory only counts.

@@ -25,9 +25,8 @@ __device__ __forceinline__ bool in_box(uint32_t box, int bin_x, int bin_y) {
 struct Candidates {
   const Record* records;
   const uint32_t* boxes;
-  int n;
+  int count;
 
-  __device__ __forceinline__ int count() const { return n; }
   __device__ __forceinline__ int slot(int i) const { return i; }
 };
 
@@ -52,6 +51,14 @@ struct Patch {
   }
 };
 
+// Whether two pixels can be stored at once wherever x is even.
+__device__ __forceinline__ bool wide_rows(const Frame& f) { return f.view.width % 2 == 0 && ((uintptr_t)f.packed & 15) == 0; }
+
+// In one instruction: the compiler would make two of most.
+__device__ __forceinline__ void store_pair(int64_t* to, int64_t a, int64_t b) {
+  asm volatile("st.global.v2.s64 [%0], {%1, %2};" ::"l"(to), "l"(a), "l"(b) : "memory");
+}
+
 // A lane's pixels, and drawing into them.
 template <int kWarps>
 struct Region {
@@ -63,16 +70,17 @@ struct Region {
   __device__ __forceinline__ int lane_x() const { return x + 2 * (lane_id() & 7); }
   __device__ __forceinline__ int lane_y() const { return y + (lane_id() >> 3); }
 
-  __device__ __forceinline__ void begin(const Frame& f, const Patch<kWarps>& p) {
-    const int warp = threadIdx.x / kWarp;
+  __device__ __forceinline__ void begin(const Frame& f, const Patch<kWarps>& p, float far_depth) {
+    const int warp = threadIdx.x / kWarp, left = p.bin_x * kBin, top = p.bin_y * kBin;
     x = warp % 4 * kRegion;
     y = p.top + warp / 4 * kRegion;
-    far = kInfinity;
-    cut = 0;
+    far = far_depth;
+    cut = (1u << kLanePixels) - 1;
+    for (int i = 0; i < kLanePixels; ++i) best[i] = kBackground;
+    if (left + x >= f.view.x0 && left + x + kRegion <= f.view.x1 && top + y >= f.view.y0 && top + y + kRegion <= f.view.y1) return;
     for (int i = 0; i < kLanePixels; ++i) {
-      best[i] = kBackground;
-      const int px = p.bin_x * kBin + lane_x() + i % 2, py = p.bin_y * kBin + lane_y() + i / 2 * 4;
-      if (px >= f.view.x0 && px < f.view.x1 && py >= f.view.y0 && py < f.view.y1) cut |= 1u << i;
+      const int px = left + lane_x() + i % 2, py = top + lane_y() + i / 2 * 4;
+      if (px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) cut &= ~(1u << i);
     }
   }
 
@@ -109,16 +117,19 @@ struct Region {
     }
   }
 
-  // Thin records, and those that reach beyond z = 1.
+  // Thin records, and those that reach beyond z = 1. Not unrolled, but for the choice of the register.
   __device__ __forceinline__ void draw_special(const Entry& e, uint32_t covered, const Patch<kWarps>& p) {
-#pragma unroll
+#pragma unroll 1
     for (int n = 0; n < kLanePixels; ++n) {
       if (!(covered >> n & 1)) continue;
       const int i = lane_x() + n % 2, j = lane_y() + n / 2 * 4;
       const float z = e.flags & kRecordThin
                           ? thin_depth(e.record, p.bin_x * kBin + i, p.bin_y * kBin + j)
                           : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j) + plane_column<double>(e.plane.dzdx, i), e.zmin, e.zmax);
-      best[n] = min_of(best[n], pack_fragment(z, e.triangle));
+      const int64_t packed = pack_fragment(z, e.triangle);
+#pragma unroll
+      for (int m = 0; m < kLanePixels; ++m)
+        if (m == n) best[m] = min_of(best[m], packed);
     }
   }
 
@@ -137,24 +148,13 @@ struct Region {
         if (keep) nearest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, false);
         if (full && !(e.flags & kRecordFar)) farthest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, true);
       }
-      far = min_of(far, warp_min(farthest));
+      far = min_of(far, bits_float(warp_min(float_bits(farthest))));  // depths are not negative: their bits are in order
       const unsigned whole = __ballot_sync(kAllLanes, full);
       for (unsigned todo = __ballot_sync(kAllLanes, keep && nearest <= far); todo; todo &= todo - 1) {
         const int i = __ffs(todo) - 1;
         draw(entries[base + i], whole >> i & 1, p);
       }
     }
-  }
-
-  // Depths are not negative, so their bits are in order.
-  __device__ __forceinline__ static float warp_min(float v) {
-    uint32_t bits = float_bits(v);
-#if __CUDA_ARCH__ >= 800
-    bits = __reduce_min_sync(kAllLanes, bits);
-#else
-    for (int step = kWarp / 2; step; step /= 2) bits = min_of(bits, __shfl_xor_sync(kAllLanes, bits, step));
-#endif
-    return bits_float(bits);
   }
 
   // Calls use(index in best, offset in the image) for the lane's pixels on the screen.
@@ -176,15 +176,12 @@ struct Region {
   }
 
   __device__ __forceinline__ void store(const Frame& f, const Patch<kWarps>& p) const {
-    const bool wide = f.view.width % 2 == 0 && ((uintptr_t)f.packed & 15) == 0;
-    if (wide) {
-      const int px = p.bin_x * kBin + lane_x();
+    const int px = p.bin_x * kBin + lane_x(), py = p.bin_y * kBin + lane_y();
+    if (wide_rows(f)) {
+      int64_t* to = f.packed + (int64_t)py * f.view.width + px;
 #pragma unroll
-      for (int row = 0; row < 4; ++row) {
-        const int py = p.bin_y * kBin + lane_y() + 4 * row;
-        if (py < f.view.height && px < f.view.width)
-          *reinterpret_cast<longlong2*>(f.packed + (int64_t)py * f.view.width + px) = make_longlong2(best[2 * row], best[2 * row + 1]);
-      }
+      for (int row = 0; row < 4; ++row, to += 4 * (int64_t)f.view.width)
+        if (px < f.view.width && py + 4 * row < f.view.height) store_pair(to, best[2 * row], best[2 * row + 1]);
     } else {
       each(f, p, [&](int n, int64_t at) { f.packed[at] = best[n]; });
     }
@@ -201,14 +198,68 @@ struct Region {
 
 enum class Output { kWrite, kMerge };  // alone on the frame, or beside others
 
+__device__ __forceinline__ PatchShared* patch_shared() {
+  extern __shared__ __align__(16) char memory[];
+  return reinterpret_cast<PatchShared*>(memory);
+}
+
+// Whether the record meets the patch, and the bounds of its depth there: the nearest, and the farthest where it covers all of the patch and hides what lies behind (else infinity).
+template <int kWarps>
+__device__ __forceinline__ bool meets_patch(const Record& r, const Patch<kWarps>& p, float* nearest, float* farthest) {
+  constexpr int kLastRow = Patch<kWarps>::kRows - 1;
+  bool full = !(r.flags & kRecordFar);
+  for (int k = 0; k < 3; ++k) {
+    const Edge e = edge_of(r.x, r.y, k);
+    const int64_t f = edge_steps(e, p.bin_x * kBin, p.bin_y * kBin + p.top);
+    if (f + (int64_t)(kBin - 1) * max_of(-e.dy, 0) + (int64_t)kLastRow * max_of(e.dx, 0) < 0) return false;
+    full = full && f + (int64_t)(kBin - 1) * min_of(-e.dy, 0) + (int64_t)kLastRow * min_of(e.dx, 0) >= 0;
+  }
+  *nearest = r.zmin;
+  *farthest = full ? r.zmax : kInfinity;
+  if (r.flags & kRecordThin) return true;
+  const CellPlane plane = cell_plane(r, p.bin_x, p.bin_y);
+  *nearest = corner_depth(plane, r.zmin, r.zmax, 0, p.top, kBin - 1, kLastRow, false);
+  if (full) *farthest = corner_depth(plane, r.zmin, r.zmax, 0, p.top, kBin - 1, kLastRow, true);
+  return true;
+}
+
+// By all threads of a block.
+template <int kWarps>
+__device__ __forceinline__ void store_background(const Frame& f, const Patch<kWarps>& p) {
+  constexpr int kPairs = kBin / 2;
+  const int px = p.bin_x * kBin + (int)threadIdx.x % kPairs * 2, py = p.bin_y * kBin + p.top + (int)threadIdx.x / kPairs;
+  const bool wide = wide_rows(f);
+#pragma unroll
+  for (int row = 0; row < Patch<kWarps>::kRows; row += kWarps * kWarp / kPairs) {
+    if (py + row >= f.view.height || px >= f.view.width) break;
+    const int64_t at = (int64_t)(py + row) * f.view.width + px;
+    if (wide) {
+      store_pair(f.packed + at, kBackground, kBackground);
+    } else {
+      f.packed[at] = kBackground;
+      if (px + 1 < f.view.width) f.packed[at + 1] = kBackground;
+    }
+    if (f.depth) {
+      f.depth[at] = kInfinity;
+      if (px + 1 < f.view.width) f.depth[at + 1] = kInfinity;
+    }
+  }
+}
+
 // Draws a patch of what `candidates` has, by all threads of a block. What can be seen gathers in shared memory, and the pixels are in registers only while that is drawn: mostly once.
 // If more gathers than there is room for, the patch is drawn several times, each time from what the last one left. drawn: the frame already holds something of the patch.
-// Candidates: int count(); int slot(int i), i < count(); const Record* records; const uint32_t* boxes.
+// Candidates: int count; int slot(int i), i < count; const Record* records; const uint32_t* boxes.
 template <int kWarps, Output kOutput, class Candidates>
-__device__ __forceinline__ void draw_patch(const Frame& f, const Candidates& candidates, int index, int room, PatchShared* s, bool drawn) {
-  constexpr int kThreads = kWarps * kWarp, kLastRow = Patch<kWarps>::kRows - 1;
-  const Patch<kWarps> patch = Patch<kWarps>::at(f.view, index);
-  const int count = candidates.count();
+__device__ __forceinline__ void draw_patch(const Frame& f, const Candidates& candidates, const Patch<kWarps>& patch, int room, bool drawn) {
+  constexpr int kThreads = kWarps * kWarp;
+  PatchShared* const s = patch_shared();
+  const int count = candidates.count;
+  bool any = false;
+  for (int i = threadIdx.x; i < count; i += kThreads) any = any || in_box(candidates.boxes[candidates.slot(i)], patch.bin_x, patch.bin_y);
+  if (!__syncthreads_or(any)) {  // most patches of most scenes
+    if (kOutput == Output::kWrite && !drawn) store_background(f, patch);
+    return;
+  }
   if (threadIdx.x == 0) {
     s->count = 0;
     s->far = float_bits(kInfinity);
@@ -219,28 +270,25 @@ __device__ __forceinline__ void draw_patch(const Frame& f, const Candidates& can
     bool full_list = false;
     while (base < count && !full_list) {
       const int i = base + (int)threadIdx.x;
-      Entry e;
+      const Record* record = nullptr;
       float nearest = 0.0f;
-      bool pending = false;
       if (i < count && !done) {
         const int slot = candidates.slot(i);
-        pending = in_box(candidates.boxes[slot], patch.bin_x, patch.bin_y) && make_entry(candidates.records + slot, patch.bin_x, patch.bin_y, &e);
-      }
-      if (pending) {
-        bool full = true;
-        for (int k = 0; k < 3; ++k) {
-          pending = pending && highest_over(e.edge[k], 0, patch.top, kBin - 1, kLastRow) >= 0;
-          full = full && lowest_over(e.edge[k], 0, patch.top, kBin - 1, kLastRow) >= 0;
+        if (in_box(candidates.boxes[slot], patch.bin_x, patch.bin_y)) {
+          float farthest;
+          if (meets_patch(candidates.records[slot], patch, &nearest, &farthest)) {
+            record = candidates.records + slot;
+            if (farthest < kInfinity) atomicMin(&s->far, float_bits(farthest));
+          }
         }
-        nearest = bound_depth(e, 0, patch.top, kBin - 1, kLastRow, false);
-        if (full && !(e.flags & kRecordFar)) atomicMin(&s->far, float_bits(bound_depth(e, 0, patch.top, kBin - 1, kLastRow, true)));
       }
+      bool pending = record;
       if (__syncthreads_or(pending)) {
         pending = pending && nearest <= bits_float(s->far);
         if (pending) {
           const int place = atomicAdd(&s->count, 1);
           if (place < room) {
-            s->entries[place] = e;
+            make_entry(record, patch.bin_x, patch.bin_y, &s->entries[place]);
             pending = false;
           }
         }
@@ -255,7 +303,7 @@ __device__ __forceinline__ void draw_patch(const Frame& f, const Candidates& can
     const int waiting = min_of(s->count, room);
     if (waiting > 0 || (kOutput == Output::kWrite && !drawn)) {
       Region<kWarps> region;
-      region.begin(f, patch);
+      region.begin(f, patch, bits_float(s->far));
       if (kOutput == Output::kWrite && drawn) region.load(f, patch);
       region.draw_all(s->entries, waiting, patch);
       if (kOutput == Output::kWrite)

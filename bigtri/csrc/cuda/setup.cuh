@@ -13,55 +13,69 @@ constexpr int kWarp = 32;
 __device__ __forceinline__ int lane_id() { return threadIdx.x & (kWarp - 1); }
 __device__ __forceinline__ unsigned lanes_below() { return (1u << lane_id()) - 1; }
 
-// Corners of triangle t; false if it names a vertex that there is not.
-__device__ __forceinline__ bool load_corners(const Frame& f, int32_t t, float v[3][4]) {
-  const int32_t* index = f.triangles + 3 * (int64_t)t;
-  const int64_t i[3] = {index[0], index[1], index[2]};
-  for (int k = 0; k < 3; ++k)
-    if (i[k] < 0 || i[k] >= f.vertices) return false;
+// Over all lanes, which all get the result.
+__device__ __forceinline__ unsigned warp_min(unsigned v) {
+#if __CUDA_ARCH__ >= 800
+  return __reduce_min_sync(kAllLanes, v);
+#else
+  for (int step = kWarp / 2; step; step /= 2) v = min_of(v, __shfl_xor_sync(kAllLanes, v, step));
+  return v;
+#endif
+}
+__device__ __forceinline__ unsigned warp_max(unsigned v) { return ~warp_min(~v); }
+
+__device__ __forceinline__ void load_vertex(const Frame& f, int64_t i, float v[4]) {
   if (((uintptr_t)f.positions & 15) == 0) {
-    const float4* p = reinterpret_cast<const float4*>(f.positions);
-    for (int k = 0; k < 3; ++k) {
-      const float4 q = __ldg(p + i[k]);
-      v[k][0] = q.x, v[k][1] = q.y, v[k][2] = q.z, v[k][3] = q.w;
-    }
+    const float4 q = __ldg(reinterpret_cast<const float4*>(f.positions) + i);
+    v[0] = q.x, v[1] = q.y, v[2] = q.z, v[3] = q.w;
   } else {
-    for (int k = 0; k < 3; ++k)
-      for (int m = 0; m < 4; ++m) v[k][m] = __ldg(f.positions + 4 * i[k] + m);
+    for (int m = 0; m < 4; ++m) v[m] = __ldg(f.positions + 4 * i + m);
   }
-  return true;
 }
 
-// What becomes of triangle t; kWhole if and only if *p is to be drawn, kClip if it has to be clipped first.
-__device__ __forceinline__ Fate set_up(const Frame& f, int32_t t, Primitive* p) {
-  float v[3][4];
-  if (!load_corners(f, t, v)) return Fate::kDropped;
-  uint32_t flags[3];
-  for (int k = 0; k < 3; ++k) flags[k] = vertex_flags(v[k], f.view.width, f.view.height);
-  const Fate fate = fate_of(flags[0], flags[1], flags[2]);
-  if (fate != Fate::kWhole) return fate;
-  int32_t x[3], y[3];
-  float z[3];
+// Vertices of triangle t; false if it names one that there is not.
+__device__ __forceinline__ bool load_indices(const Frame& f, int32_t t, int32_t index[3]) {
+  bool valid = true;
   for (int k = 0; k < 3; ++k) {
-    x[k] = snap_x(v[k][0], v[k][3], f.view.width);
-    y[k] = snap_y(v[k][1], v[k][3], f.view.height);
-    z[k] = window_depth<float>(v[k][2], v[k][3]);
+    index[k] = __ldg(f.triangles + 3 * (int64_t)t + k);
+    valid = valid && index[k] >= 0 && index[k] < f.vertices;
   }
+  return valid;
+}
+
+// What becomes of triangle t; kWhole if and only if *p is to be drawn, kClip if it has to be clipped first. projected: all vertices, or null to project them here.
+__device__ __forceinline__ Fate set_up(const Frame& f, int32_t t, const Vertex* projected, Primitive* p) {
+  int32_t index[3];
+  if (!load_indices(f, t, index)) return Fate::kDropped;
+  Vertex v[3];
+  if (projected) {
+    for (int k = 0; k < 3; ++k) {
+      const int4 q = reinterpret_cast<const int4*>(projected)[index[k]];  // not __ldg: the kernel in front may still write them
+      v[k] = {q.x, q.y, __int_as_float(q.z), (uint32_t)q.w};
+    }
+  } else {
+    float corner[3][4];
+    for (int k = 0; k < 3; ++k) load_vertex(f, index[k], corner[k]);
+    for (int k = 0; k < 3; ++k) v[k] = project_vertex(corner[k], f.view.width, f.view.height);
+  }
+  const Fate fate = fate_of(v[0].flags, v[1].flags, v[2].flags);
+  if (fate != Fate::kWhole) return fate;
+  const int32_t x[3] = {v[0].x, v[1].x, v[2].x}, y[3] = {v[0].y, v[1].y, v[2].y};
+  const float z[3] = {v[0].z, v[1].z, v[2].z};
   return make_primitive(x, y, z, f.view, p) ? Fate::kWhole : Fate::kNothing;
 }
 
 // Shared memory of a warp that clips.
 struct ClipScratch {
-  ClipVertex slots[3], polygon[kWarp];  // weights are not used here
+  ClipVertex slots[3], polygon[kWarp];
   Vertex projected[kWarp];
 };
 static_assert(kMaxPolygon <= kWarp, "a lane for every vertex of a polygon");
 
-// Clips triangle t with all lanes, which hold a vertex of the polygon each: clip_triangle of core/clip.h, a plane at a time. Lane s gets sub-triangle s; false where it has no pixels.
-__device__ __noinline__ bool clip_part(const Frame& f, int32_t t, ClipScratch* s, Primitive* out) {
-  const int lane = lane_id(), width = f.view.width, height = f.view.height;
-  float v[3][4];
-  if (!load_corners(f, t, v)) return false;
+// Clips a triangle with all lanes, which hold a vertex of the polygon each: clip_triangle of core/clip.h, a plane at a time. Returns the number of vertices, projected too, or 0
+// if nothing is left.
+__device__ __forceinline__ int clip_polygon(const float v[3][4], int width, int height, ClipScratch* s) {
+  const int lane = lane_id();
   uint32_t outside = 0;
   for (int k = 0; k < 3; ++k) outside |= vertex_flags(v[k], width, height) & kOutsideMask;
   __syncwarp();
@@ -71,7 +85,7 @@ __device__ __noinline__ bool clip_part(const Frame& f, int32_t t, ClipScratch* s
     for (int i = 0; i < 4; ++i) slot.position[i] = corner == 0 ? v[0][i] : corner == 1 ? v[1][i] : v[2][i];
     slot.edges = (1u << lane) | (1u << (lane == 0 ? 2 : lane - 1));
     slot.made = 0;
-    for (int i = 0; i < 3; ++i) slot.weights[i] = 0.0;
+    for (int i = 0; i < 3; ++i) slot.weights[i] = i == lane ? 1.0 : 0.0;
     s->polygon[lane] = slot;
   }
   int n = 3;
@@ -89,18 +103,29 @@ __device__ __noinline__ bool clip_part(const Frame& f, int32_t t, ClipScratch* s
       if (crosses) made = cut_edge(plane, k, s->slots, a, b);
     }
     const unsigned all_inside = __ballot_sync(kAllLanes, inside), all_crosses = __ballot_sync(kAllLanes, crosses);
+    __syncwarp();  // all have read
     int at = __popc(all_inside & lanes_below()) + __popc(all_crosses & lanes_below());
     if (inside) s->polygon[at++] = kept;
     if (crosses) s->polygon[at] = made;
     n = __popc(all_inside) + __popc(all_crosses);
   }
   __syncwarp();
-  if (n < 3) return false;
-  if (__any_sync(kAllLanes, lane < n && !(s->polygon[lane].position[3] > 0))) return false;
+  if (n < 3) return 0;
+  if (__any_sync(kAllLanes, lane < n && !(s->polygon[lane].position[3] > 0))) return 0;
   if (lane < n) s->projected[lane] = project_clipped(s->polygon[lane], width, height);
   __syncwarp();
-  if (lane > n - 3) return false;
-  return fan_primitive(s->projected, fan_apex(s->projected, s->polygon, n), n, lane, f.view, out);
+  return n;
+}
+
+// Clips triangle t with all lanes. Lane s gets sub-triangle s; false where it has no pixels.
+__device__ __noinline__ bool clip_part(const Frame& f, int32_t t, ClipScratch* s, Primitive* out) {
+  int32_t index[3];
+  if (!load_indices(f, t, index)) return false;
+  float v[3][4];
+  for (int k = 0; k < 3; ++k) load_vertex(f, index[k], v[k]);
+  const int n = clip_polygon(v, f.view.width, f.view.height, s);
+  if (lane_id() > n - 3) return false;
+  return fan_primitive(s->projected, fan_apex(s->projected, s->polygon, n), n, lane_id(), f.view, out);
 }
 
 }  // namespace

@@ -10,9 +10,15 @@ namespace bigtri {
 
 int64_t bin_owned_scratch(const Frame& f, const Tuning& t);
 cudaError_t draw_bin_owned(const Frame& f, const Tuning& t, void* scratch, cudaStream_t stream);
+int64_t two_stage_scratch(const Frame& f, const Tuning& t);
+cudaError_t draw_two_stage(const Frame& f, const Tuning& t, void* scratch, cudaStream_t stream);
+int64_t persistent_scratch(const Frame& f, const Tuning& t);
+cudaError_t draw_persistent(const Frame& f, const Tuning& t, void* scratch, cudaStream_t stream);
 
 const CudaVariant kCudaVariants[] = {
     {"bin_owned", bin_owned_scratch, draw_bin_owned},
+    {"two_stage", two_stage_scratch, draw_two_stage},
+    {"persistent", persistent_scratch, draw_persistent},
     {nullptr, nullptr, nullptr},
 };
 
@@ -21,6 +27,7 @@ namespace {
 std::mutex mutex;
 Tuning current;
 std::map<std::pair<const void*, int>, int> resident;
+std::map<std::pair<const void*, int>, bool> overlapping;
 
 }  // namespace
 
@@ -31,11 +38,27 @@ Tuning tuning() {
 
 bool set_tuning(const Tuning& t) {
   const bool ok = t.few >= 0 && t.some >= 0 && t.some <= 1 << 16 && (t.warps == 4 || t.warps == 8 || t.warps == 16) && t.blocks >= 0 && t.blocks <= 1 << 20 &&
-                  t.entries >= 1 && t.entries <= 128 && t.queue >= 1 && t.queue <= 1 << 24 && t.threshold >= 0 && t.read_first >= 0 && t.read_first <= 1;
+                  t.entries >= 1 && t.entries <= 128 && t.queue >= 1 && t.queue <= 1 << 24 && t.threshold >= 0;
   if (!ok) return false;
   const std::lock_guard<std::mutex> lock(mutex);
   current = t;
   return true;
+}
+
+cudaError_t overlaps_launches(const void* kernel, bool* yes) {
+  int device, major;
+  BIGTRI_CUDA(cudaGetDevice(&device));
+  const std::lock_guard<std::mutex> lock(mutex);
+  const auto key = std::make_pair(kernel, device);
+  if (const auto found = overlapping.find(key); found != overlapping.end()) {
+    *yes = found->second;
+    return cudaSuccess;
+  }
+  cudaFuncAttributes attributes;
+  BIGTRI_CUDA(cudaDeviceGetAttribute(&major, cudaDevAttrComputeCapabilityMajor, device));
+  BIGTRI_CUDA(cudaFuncGetAttributes(&attributes, kernel));
+  *yes = overlapping[key] = major >= 9 && attributes.ptxVersion >= 90;
+  return cudaSuccess;
 }
 
 cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_bytes, int* blocks) {

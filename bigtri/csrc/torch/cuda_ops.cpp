@@ -17,7 +17,8 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   const CudaVariant* chosen = kCudaVariants;
   while (chosen->name && variant != chosen->name) ++chosen;
   BIGTRI_CHECK(chosen->name, "bigtri::rasterize: variant must be one of ", cuda_variants_op(), " on CUDA, got '", variant, "'");
-  const int device = positions.is_cuda() ? positions.get_device_index() : triangles.is_cuda() ? triangles.get_device_index() : packed.get_device_index();
+  BIGTRI_CHECK(positions.is_cuda(), "bigtri::rasterize: positions must be on a CUDA device like the others, got ", describe(positions));
+  const int device = positions.get_device_index();
   Frame frame = {};
   frame.view = viewport(op, height, width, cull, scissor);
   check_cuda(op, "positions", positions, device, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
@@ -32,6 +33,9 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
     check_apart(op, "dropped", dropped, name, input);
     if (depth) check_apart(op, "depth", *depth, name, input);
   }
+  check_apart(op, "dropped", dropped, "packed", packed);
+  if (depth) check_apart(op, "depth", *depth, "packed", packed);
+  if (depth) check_apart(op, "depth", *depth, "dropped", dropped);
   frame.triangles = const_data<int32_t>(triangles);
   frame.vertices = vertices;
   frame.count = (int32_t)triangles.size(0);
@@ -51,16 +55,15 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
 
 std::vector<int64_t> cuda_tuning_op() {
   const Tuning t = tuning();
-  return {t.few, t.some, t.warps, t.blocks, t.entries, t.queue, t.threshold, t.read_first};
+  return {t.few, t.some, t.warps, t.blocks, t.entries, t.queue, t.threshold};
 }
 
 void set_cuda_tuning_op(std::vector<int64_t> v) {
   BIGTRI_CHECK(v.size() == kTuningFields, "bigtri::set_cuda_tuning: fields must be ", kTuningFields, " integers, got ", v.size());
   BIGTRI_CHECK(
-      set_tuning({v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7]}),
-      "bigtri::set_cuda_tuning: fields must be few 0.., some 0..65536, warps 4, 8 or 16, blocks 0..2^20, entries 1..128, queue 1..2^24, threshold 0.., "
-      "read_first 0 or 1, got ",
-      v[0], ", ", v[1], ", ", v[2], ", ", v[3], ", ", v[4], ", ", v[5], ", ", v[6], ", ", v[7]);
+      set_tuning({v[0], v[1], v[2], v[3], v[4], v[5], v[6]}),
+      "bigtri::set_cuda_tuning: fields must be few 0.., some 0..65536, warps 4, 8 or 16, blocks 0..2^20, entries 1..128, queue 1..2^24, threshold 0.., got ",
+      v[0], ", ", v[1], ", ", v[2], ", ", v[3], ", ", v[4], ", ", v[5], ", ", v[6]);
 }
 
 }  // namespace

@@ -30,6 +30,9 @@ void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t heig
     check_apart(op, "dropped", dropped, name, input);
     if (depth) check_apart(op, "depth", *depth, name, input);
   }
+  check_apart(op, "dropped", dropped, "packed", packed);
+  if (depth) check_apart(op, "depth", *depth, "packed", packed);
+  if (depth) check_apart(op, "depth", *depth, "dropped", dropped);
   const Parallel parallel = torch_threads();
   Mesh mesh = checked_mesh(op, parallel, const_data<float>(positions), vertices, triangles);
   const Kernels& kernels = current_kernels();

@@ -1,0 +1,287 @@
+// The persistent-kernel variant: one kernel whose blocks stay. All set up triangles and put them into a queue for each bin; then blocks own bins, first come, first served, draw a bin's queue into a
+// copy of the bin in shared memory, a warp owning a row of its tiles, and write each pixel once. Between the two all blocks wait for each other.
+// More triangles than there is room for records take several passes, each going on from the frame that the last one left.
+
+#include "direct.cuh"
+
+namespace bigtri {
+namespace {
+
+constexpr int kThreads = 256, kWarps = kThreads / kWarp;
+constexpr int kPassTriangles = 1 << 18, kPassParts = 1 << 16;  // records of a pass: of whole triangles, and of the parts of clipped ones
+constexpr int kQueueBytes = 32 << 20;  // for all bins together
+static_assert(kWarps == kBin / kTile, "a warp for every row of tiles");
+
+struct Counters {
+  uint32_t arrived;  // at the barriers, in all
+  uint32_t parts;  // of clipped triangles
+  uint32_t deferred;  // triangles whose parts found no room
+  uint32_t next_bin, next_deferred;
+  uint32_t pad;
+  unsigned long long dropped;
+};
+
+struct Job {
+  Record* records;  // of the pass: triangle by triangle, then parts
+  uint8_t* valid;  // whether there is a record
+  int32_t* deferred;
+  uint32_t* bin_count;  // of its queue; more than there is room for: the bin looks at all records
+  uint32_t* queues;
+  Counters* counters;
+  int pass, parts, room;  // room for triangles, parts, and in a bin's queue
+  int bins_x, bins_y;
+};
+
+Job take_job(Scratch* scratch, const Frame& f, const Tuning& t) {
+  Job j;
+  j.bins_x = (f.view.width + kBin - 1) / kBin;
+  j.bins_y = (f.view.height + kBin - 1) / kBin;
+  j.pass = min_of(f.count, kPassTriangles);
+  j.parts = (int)min_of<int64_t>(kPassParts, min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
+  const int64_t bins = (int64_t)j.bins_x * j.bins_y, records = (int64_t)j.pass + j.parts;
+  j.room = (int)min_of<int64_t>(min_of<int64_t>(t.queue, records), max_of<int64_t>(kQueueBytes / 4 / bins, 16));
+  j.counters = scratch->take<Counters>(1);  // these two are cleared together
+  j.bin_count = scratch->take<uint32_t>(bins);
+  j.records = scratch->take<Record>(records);
+  j.valid = scratch->take<uint8_t>(records);
+  j.deferred = scratch->take<int32_t>(j.pass);
+  j.queues = scratch->take<uint32_t>(bins * j.room);
+  return j;
+}
+
+// All blocks of the grid, which are resident together.
+__device__ void wait_for_all(Counters* c, uint32_t* expected) {
+  *expected += gridDim.x;
+  __syncthreads();
+  if (threadIdx.x == 0) {
+    __threadfence();
+    atomicAdd(&c->arrived, 1u);
+    while (*(volatile uint32_t*)&c->arrived < *expected) {
+    }
+    __threadfence();
+  }
+  __syncthreads();
+}
+
+__device__ __forceinline__ void put(const Job& j, int bin_x, int bin_y, uint32_t slot) {
+  const int bin = bin_y * j.bins_x + bin_x;
+  const uint32_t at = atomicAdd(&j.bin_count[bin], 1u);
+  if (at < (uint32_t)j.room) j.queues[(int64_t)bin * j.room + at] = slot;
+}
+
+// The lanes' records to the queues of their bins: a lane its own where it has few, all lanes together where one has many.
+__device__ __forceinline__ void enqueue(const Job& j, bool have, uint32_t slot) {
+  constexpr int kFew = 4;
+  int x0 = 0, y0 = 0, across = 0, bins = 0;
+  if (have) {
+    const Record& r = j.records[slot];
+    x0 = r.x0 / kBin, y0 = r.y0 / kBin;
+    across = (r.x1 - 1) / kBin - x0 + 1;
+    bins = across * ((r.y1 - 1) / kBin - y0 + 1);
+    NarrowEdge edge[3];
+    if (bins <= kFew)
+      for (int i = 0; i < bins; ++i)
+        if (narrow_edges(r, x0 + i % across, y0 + i / across, edge)) put(j, x0 + i % across, y0 + i / across, slot);
+  }
+  __syncwarp();
+  for (unsigned todo = __ballot_sync(kAllLanes, bins > kFew); todo; todo &= todo - 1) {
+    const int lane = __ffs(todo) - 1;
+    const uint32_t its = __shfl_sync(kAllLanes, slot, lane);
+    const int x = __shfl_sync(kAllLanes, x0, lane), y = __shfl_sync(kAllLanes, y0, lane), wide = __shfl_sync(kAllLanes, across, lane),
+              n = __shfl_sync(kAllLanes, bins, lane);
+    for (int i = lane_id(); i < n; i += kWarp) {
+      NarrowEdge edge[3];
+      if (narrow_edges(j.records[its], x + i % wide, y + i / wide, edge)) put(j, x + i % wide, y + i / wide, its);
+    }
+  }
+}
+
+struct Shared {
+  int64_t pixels[kBin * kBin];
+  union {
+    Entry entries[kThreads / 4];
+    ClipScratch clip[kWarps];
+    Record record[kWarps];
+  };
+  int count, bin;
+  __device__ Shared() {}
+};
+constexpr int kTogether = kThreads / 4;  // entries
+
+__device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int count, Shared* s) {
+  const int warp = threadIdx.x / kWarp;
+  for (int first = (blockIdx.x * kWarps + warp) * kWarp; first < count; first += gridDim.x * kThreads) {
+    const int slot = first + lane_id();
+    Primitive p;
+    const Fate fate = slot < count ? set_up(f, (int32_t)(base + slot), nullptr, &p) : Fate::kNothing;
+    if (fate == Fate::kWhole) fill_record(p, base + slot, &j.records[slot]);
+    if (slot < count) j.valid[slot] = fate == Fate::kWhole;
+    __syncwarp();
+    enqueue(j, fate == Fate::kWhole, (uint32_t)slot);
+    for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
+      const int32_t triangle = (int32_t)(base + first + __ffs(todo) - 1);
+      Primitive part;
+      const bool have = clip_part(f, triangle, &s->clip[warp], &part);
+      const unsigned all = __ballot_sync(kAllLanes, have);
+      uint32_t at = 0;
+      if (lane_id() == 0) at = atomicAdd(&j.counters->parts, (uint32_t)__popc(all));
+      at = __shfl_sync(kAllLanes, at, 0);
+      if (at + __popc(all) > (uint32_t)j.parts) {  // all parts or none
+        for (uint32_t i = at + lane_id(); i < min_of<uint32_t>(at + __popc(all), (uint32_t)j.parts); i += kWarp) j.valid[j.pass + i] = 0;
+        if (lane_id() == 0) j.deferred[atomicAdd(&j.counters->deferred, 1u)] = triangle;
+        continue;
+      }
+      const uint32_t its = (uint32_t)j.pass + at + __popc(all & lanes_below());
+      if (have) {
+        fill_record(part, triangle, &j.records[its]);
+        j.valid[its] = 1;
+      }
+      __syncwarp();
+      enqueue(j, have, its);
+    }
+    const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
+    if (dropped && lane_id() == 0) atomicAdd(&j.counters->dropped, (unsigned long long)__popc(dropped));
+  }
+}
+
+// A warp's row of tiles of one entry, into shared memory.
+__device__ __forceinline__ void draw_tiles(const Frame& f, const Entry& e, int bin_x, int bin_y, int row, int64_t* pixels) {
+  bool any = true, all = true;
+  for (int k = 0; k < 3; ++k) {
+    const int32_t at = tile_edge(e.edge[k], lane_id() & 7, row);
+    any = any && at + tile_highest(e.edge[k]) >= 0;
+    all = all && at + tile_lowest(e.edge[k]) >= 0;
+  }
+  const unsigned touched = __ballot_sync(kAllLanes, any) & 0xff, full = __ballot_sync(kAllLanes, all) & 0xff;
+  for (unsigned todo = touched; todo; todo &= todo - 1) {
+    const int tile = __ffs(todo) - 1, i = tile * kTile + (lane_id() & 7);
+    const double column = plane_column<double>(e.plane.dzdx, i);
+#pragma unroll
+    for (int half = 0; half < 2; ++half) {
+      const int y = row * kTile + (lane_id() >> 3) + 4 * half, px = bin_x * kBin + i, py = bin_y * kBin + y;
+      int32_t outside = 0;
+      if (!(full >> tile & 1))
+        for (int k = 0; k < 3; ++k) outside |= e.edge[k].f + i * e.edge[k].sx + y * e.edge[k].sy;
+      if (outside < 0 || px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) continue;
+      const float z =
+          e.flags & kRecordThin ? thin_depth(e.record, px, py) : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
+      int64_t& pixel = pixels[y * kBin + i];
+      pixel = min_of(pixel, pack_fragment(z, e.triangle));
+    }
+  }
+}
+
+__device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int parts, bool first_pass, Shared* s) {
+  const int bin_x = bin % j.bins_x, bin_y = bin / j.bins_x, warp = threadIdx.x / kWarp;
+  for (int i = threadIdx.x; i < kBin * kBin; i += kThreads) {
+    const int px = bin_x * kBin + i % kBin, py = bin_y * kBin + i / kBin;
+    s->pixels[i] = !first_pass && px < f.view.width && py < f.view.height ? f.packed[(int64_t)py * f.view.width + px] : kBackground;
+  }
+  const uint32_t waiting = j.bin_count[bin];
+  const bool listed = waiting <= (uint32_t)j.room;
+  const int n = listed ? (int)waiting : j.pass + parts;
+  for (int base = 0; base < n; base += kTogether) {
+    __syncthreads();
+    if (threadIdx.x == 0) s->count = 0;
+    __syncthreads();
+    const int i = base + (int)threadIdx.x;
+    if (threadIdx.x < kTogether && i < n) {
+      const int slot = listed ? (int)j.queues[(int64_t)bin * j.room + i] : i;
+      const bool valid = listed || ((i < count || i >= j.pass) && j.valid[i]);
+      NarrowEdge edge[3];
+      if (valid) {
+        const Record& r = j.records[slot];
+        const bool inside = listed || (r.x0 / kBin <= bin_x && (r.x1 - 1) / kBin >= bin_x && r.y0 / kBin <= bin_y && (r.y1 - 1) / kBin >= bin_y);
+        if (inside && narrow_edges(r, bin_x, bin_y, edge)) make_entry(&r, bin_x, bin_y, &s->entries[atomicAdd(&s->count, 1)]);
+      }
+    }
+    __syncthreads();
+    for (int k = 0; k < s->count; ++k) draw_tiles(f, s->entries[k], bin_x, bin_y, warp, s->pixels);
+  }
+  __syncthreads();
+  for (int i = threadIdx.x; i < kBin * kBin; i += kThreads) {
+    const int px = bin_x * kBin + i % kBin, py = bin_y * kBin + i / kBin;
+    if (px < f.view.width && py < f.view.height) f.packed[(int64_t)py * f.view.width + px] = s->pixels[i];
+  }
+  if (threadIdx.x == 0) j.bin_count[bin] = 0;  // for the next pass
+}
+
+// Clipped triangles whose parts found no room, onto the finished frame.
+__device__ void draw_deferred(const Frame& f, const Job& j, int count, Shared* s) {
+  const int warp = threadIdx.x / kWarp;
+  for (int i = blockIdx.x * kWarps + warp; i < count; i += gridDim.x * kWarps) {
+    Primitive part;
+    const bool have = clip_part(f, j.deferred[i], &s->clip[warp], &part);
+    Record record;
+    if (have) fill_record(part, j.deferred[i], &record);
+    for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
+      __syncwarp();
+      if (lane_id() == __ffs(todo) - 1) s->record[warp] = record;
+      __syncwarp();
+      warp_draw(f, s->record[warp]);
+    }
+    __syncwarp();
+  }
+}
+
+__global__ void __launch_bounds__(kThreads) stay_and_draw(const __grid_constant__ Frame f, const __grid_constant__ Job j) {
+  extern __shared__ __align__(16) char memory[];
+  Shared* s = reinterpret_cast<Shared*>(memory);
+  uint32_t expected = 0;
+  Counters* c = j.counters;
+  int64_t base = 0;
+  do {
+    const int count = (int)min_of<int64_t>(j.pass, f.count - base);
+    set_up_pass(f, j, base, count, s);
+    wait_for_all(c, &expected);
+    const int parts = (int)min_of<uint32_t>(__ldcg(&c->parts), (uint32_t)j.parts), deferred = (int)__ldcg(&c->deferred);
+    for (;;) {
+      __syncthreads();
+      if (threadIdx.x == 0) s->bin = (int)atomicAdd(&c->next_bin, 1u);
+      __syncthreads();
+      const int bin = s->bin;
+      if (bin >= j.bins_x * j.bins_y) break;
+      draw_bin(f, j, bin, count, parts, base == 0, s);
+    }
+    base += count;
+    if (base < f.count || deferred) {
+      wait_for_all(c, &expected);
+      if (deferred) draw_deferred(f, j, deferred, s);
+      if (blockIdx.x == 0 && threadIdx.x == 0) c->parts = c->deferred = c->next_bin = 0;
+      wait_for_all(c, &expected);
+    }
+  } while (base < f.count);
+  if (blockIdx.x == 0 && threadIdx.x == 0) *f.dropped = (int64_t)__ldcg(&c->dropped);
+}
+
+}  // namespace
+
+int64_t persistent_scratch(const Frame& f, const Tuning& t) {
+  Scratch scratch = {nullptr};
+  take_job(&scratch, f, t);
+  return scratch.used;
+}
+
+cudaError_t draw_persistent(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
+  Scratch scratch = {static_cast<char*>(memory)};
+  const Job job = take_job(&scratch, f, t);
+  const char* end = reinterpret_cast<const char*>(job.bin_count + (int64_t)job.bins_x * job.bins_y);
+  BIGTRI_CUDA(cudaMemsetAsync(job.counters, 0, (size_t)(end - reinterpret_cast<const char*>(job.counters)), stream));
+  int blocks;
+  BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(stay_and_draw), kThreads, sizeof(Shared), &blocks));
+  if (t.blocks > 0) blocks = min_of(blocks, (int)t.blocks);  // all of them have to be resident
+  cudaLaunchAttribute attribute = {};
+  attribute.id = cudaLaunchAttributeCooperative;
+  attribute.val.cooperative = 1;
+  cudaLaunchConfig_t config = {};
+  config.gridDim = dim3((unsigned)blocks);
+  config.blockDim = dim3(kThreads);
+  config.dynamicSmemBytes = sizeof(Shared);
+  config.stream = stream;
+  config.attrs = &attribute;
+  config.numAttrs = 1;
+  BIGTRI_CUDA(cudaLaunchKernelEx(&config, stay_and_draw, f, job));
+  return launch_depth(f, t, stream);
+}
+
+}  // namespace bigtri

@@ -1,0 +1,150 @@
+// The two-stage variant: set-up puts the pairs of (large record, bin) into one global queue; then warps take them, first come, first served, make the 64-bit masks of the bin's tiles, and draw
+// the tiles with an atomic minimum a fragment, the pixel read first. Small triangles are drawn at set-up.
+
+#include "direct.cuh"
+#include "small.cuh"
+
+namespace bigtri {
+namespace {
+
+enum Counter { kRecordCount, kPairCount, kNextPair, kCounters };
+
+struct Pair {
+  uint32_t record;
+  uint16_t bin_x, bin_y;
+};
+
+struct Queue {
+  Record* records;
+  Pair* pairs;
+  uint32_t* counters;
+  uint32_t record_room, pair_room;
+  Vertex* projected;
+};
+
+Queue take_queue(Scratch* scratch, const Frame& f, const Tuning& t) {
+  Queue q;
+  q.record_room = (uint32_t)min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles);
+  q.pair_room = (uint32_t)(t.queue < 16 ? t.queue : 16 * t.queue);
+  q.records = scratch->take<Record>(q.record_room);
+  q.pairs = scratch->take<Pair>(q.pair_room);
+  q.counters = scratch->take<uint32_t>(kCounters);
+  q.projected = take_projected(scratch, f);
+  return q;
+}
+
+// The record's bins that no edge rejects, a lane each, to the queue; what finds no room there is drawn at once. All lanes.
+__device__ __forceinline__ void enqueue(const Frame& f, const Queue& q, const Record& r, uint32_t slot) {
+  const int x0 = r.x0 / kBin, y0 = r.y0 / kBin, across = (r.x1 - 1) / kBin - x0 + 1, bins = across * ((r.y1 - 1) / kBin - y0 + 1);
+  for (int base = 0; base < bins; base += kWarp) {
+    const int i = base + lane_id(), x = x0 + i % across, y = y0 + i / across;
+    NarrowEdge edge[3];
+    const bool kept = i < bins && narrow_edges(r, x, y, edge);
+    const unsigned all = __ballot_sync(kAllLanes, kept);
+    if (!all) continue;
+    uint32_t at = 0;
+    if (lane_id() == 0) at = atomicAdd(&q.counters[kPairCount], (uint32_t)__popc(all));
+    at = __shfl_sync(kAllLanes, at, 0) + __popc(all & lanes_below());
+    const bool room = at < q.pair_room;  // the count stays far below 2^32: it grows by a frame's pairs at most
+    if (kept && room) q.pairs[at] = {slot, (uint16_t)x, (uint16_t)y};
+    for (unsigned todo = __ballot_sync(kAllLanes, kept && !room); todo; todo &= todo - 1) {
+      const int lane = __ffs(todo) - 1;
+      warp_draw_bin(f, r, __shfl_sync(kAllLanes, x, lane), __shfl_sync(kAllLanes, y, lane));
+    }
+  }
+}
+
+// Large primitives to the queue, a record at a time with all lanes, so that a huge one holds up no lane; others are drawn.
+__device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
+  Record record;
+  if (have) fill_record(p, triangle, &record, threshold);
+  for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
+    const int lane = __ffs(todo) - 1;
+    uint32_t slot = q.record_room;
+    __syncwarp();
+    if (lane_id() == lane) {
+      *shared = record;
+      if (record.flags & kRecordLarge) slot = atomicAdd(&q.counters[kRecordCount], 1u);
+      if (slot < q.record_room) q.records[slot] = record;
+    }
+    __syncwarp();
+    slot = __shfl_sync(kAllLanes, slot, lane);
+    if (slot < q.record_room)
+      enqueue(f, q, *shared, slot);
+    else
+      warp_draw(f, *shared);
+  }
+  __syncwarp();
+}
+
+constexpr int kThreads = 256;
+
+union Shared {
+  SmallShared small;
+  ClipScratch clip;
+  Record record;
+  __device__ Shared() {}
+};
+
+__global__ void __launch_bounds__(kThreads, 4)
+    set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ Queue q, const __grid_constant__ Tuning t, int share) {
+  __shared__ Shared shared[kThreads / kWarp];
+  Shared* s = &shared[threadIdx.x / kWarp];
+  let_next_begin();
+  wait_for_previous();
+  const int64_t first = ((int64_t)blockIdx.x * (kThreads / kWarp) + threadIdx.x / kWarp) * share;
+  const bool mine = lane_id() < share && first + lane_id() < f.count;
+  Primitive p;
+  const Fate fate = mine ? set_up(f, (int32_t)(first + lane_id()), q.projected, &p) : Fate::kNothing;
+  const bool whole = fate == Fate::kWhole, small = whole && is_small(p);
+  draw_small(f, p, (uint32_t)(first + lane_id()), small, &s->small);
+  if (__any_sync(kAllLanes, whole && !small)) queue_or_draw(f, q, t.threshold, p, first + lane_id(), whole && !small, &s->record);
+  for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
+    const int64_t triangle = first + __ffs(todo) - 1;
+    Primitive part;
+    const bool have = clip_part(f, (int32_t)triangle, &s->clip, &part);
+    __syncwarp();
+    queue_or_draw(f, q, t.threshold, part, triangle, have, &s->record);
+  }
+  const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
+  if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
+}
+
+__global__ void __launch_bounds__(kThreads) draw_pairs(const __grid_constant__ Frame f, const __grid_constant__ Queue q) {
+  let_next_begin();
+  wait_for_previous();
+  const uint32_t count = min_of(q.counters[kPairCount], q.pair_room);
+  for (;;) {
+    uint32_t i = 0;
+    if (lane_id() == 0) i = atomicAdd(&q.counters[kNextPair], 1u);
+    i = __shfl_sync(kAllLanes, i, 0);
+    if (i >= count) return;
+    const Pair pair = q.pairs[i];
+    warp_draw_bin(f, q.records[pair.record], pair.bin_x, pair.bin_y);
+  }
+}
+
+}  // namespace
+
+int64_t two_stage_scratch(const Frame& f, const Tuning& t) {
+  Scratch scratch = {nullptr};
+  take_queue(&scratch, f, t);
+  return scratch.used;
+}
+
+cudaError_t draw_two_stage(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
+  Scratch scratch = {static_cast<char*>(memory)};
+  const Queue q = take_queue(&scratch, f, t);
+  BIGTRI_CUDA(launch_clear(f, t, q.projected, q.counters, kCounters, stream));
+  if (f.count > 0) {
+    int share, blocks;
+    int64_t set_up_blocks;
+    BIGTRI_CUDA(share_triangles(set_up_and_enqueue, kThreads, f.count, &share, &set_up_blocks));
+    BIGTRI_CUDA(launch_next(set_up_and_enqueue, set_up_blocks, kThreads, 0, stream, f, q, t, share));
+    BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, t, &blocks));
+    BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
+  }
+  return launch_depth(f, t, stream);
+}
+
+}  // namespace bigtri
