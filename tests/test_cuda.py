@@ -242,7 +242,7 @@ SETTINGS: dict[str, tuple[int | None, ...]] = {
     "some": (None, 0, 65536),
     "warps": (None, 4, 8, 16),
     "blocks": (0, 1, 3, 1000),
-    "entries": (None, 1, 2, 128),
+    "entries": (None, 1, 2, 256),
     "queue": (None, 1, 2),
     "threshold": (0, 64, 4000, 10**9),
 }
@@ -282,7 +282,7 @@ def test_settings_are_restored():
         assert inside == before._replace(warps=4, queue=3) == native.CudaTuning(*torch.ops.bigtri.cuda_tuning())
         raise KeyError
     assert native.CudaTuning(*torch.ops.bigtri.cuda_tuning()) == before
-    for wrong in ({"warps": 5}, {"entries": 0}, {"entries": 129}, {"queue": 0}, {"blocks": -1}, {"few": -1}, {"some": 2**17}):
+    for wrong in ({"warps": 5}, {"entries": 0}, {"entries": 257}, {"queue": 0}, {"blocks": -1}, {"few": -1}, {"some": 2**17}):
         with pytest.raises(RuntimeError, match="set_cuda_tuning"), native.cuda_tuning(**wrong):
             pass
     with pytest.raises(TypeError, match="got speed"), native.cuda_tuning(speed=1):

@@ -13,7 +13,7 @@ namespace {
 
 // --- few
 
-constexpr int kClipWarps = 3;  // triangles that are clipped at a time
+constexpr int kClipWarps = 2;  // triangles that are clipped at a time
 constexpr int kClipParts = kClipWarps * kMaxSubTriangles;
 
 template <int kWarps>
@@ -25,8 +25,10 @@ struct FewShared {
   uint32_t boxes[kRecords];
   int32_t clipped[kChunk];  // triangles of this chunk that have to be clipped
   int clip_count;
-  __device__ ClipScratch* clip() { return reinterpret_cast<ClipScratch*>(patch.entries); }  // while nothing is drawn
-  static_assert(sizeof(ClipScratch) * kClipWarps <= sizeof(patch.entries), "clipping has room among the entries");
+  // While nothing is drawn, the entries' memory serves the set-up.
+  __device__ Vertex* corners() { return reinterpret_cast<Vertex*>(patch.entries); }
+  __device__ ClipScratch* clip() { return reinterpret_cast<ClipScratch*>(patch.entries); }
+  static_assert(sizeof(Vertex) * 3 * kChunk <= sizeof(patch.entries) && sizeof(ClipScratch) * kClipWarps <= sizeof(patch.entries), "room for the set-up");
 };
 
 // The first chunk's patches start from the background and are written in any case; later chunks go on from what is there.
@@ -42,12 +44,15 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __g
     __syncthreads();
     if (thread == 0) s.clip_count = 0;
     __syncthreads();
+    const int count = (int)min_of<int64_t>(f.count - base, kChunk);
+    project_corners(f, base, count, s.corners(), thread, kWarps * kWarp);
+    __syncthreads();
     Fate fate = Fate::kNothing;
     if (thread < kChunk) {
       uint32_t box = kNoBox;
-      if (base + thread < f.count) {
+      if (thread < count) {
         Primitive p;
-        fate = set_up(f, (int32_t)(base + thread), nullptr, &p);
+        fate = assemble(f, s.corners() + 3 * thread, &p);
         if (fate == Fate::kWhole) {
           fill_record(p, base + thread, &s.records[thread]);
           box = box_of(s.records[thread]);
@@ -99,8 +104,8 @@ cudaError_t launch_few(const Frame& f, const Tuning& t, cudaStream_t stream) {
 
 // --- some
 
-constexpr int kSetupThreads = 256;
-constexpr int kParts = kSetupThreads * kMaxSubTriangles;  // that the clipped triangles of a block can become
+constexpr int kSetupTriangles = 64, kSetupThreads = 3 * kSetupTriangles;  // a thread a corner, then a thread a triangle
+constexpr int kParts = kSetupTriangles * kMaxSubTriangles;  // that the clipped triangles of a block can become
 
 // Record t is triangle t's, if it is drawn whole. The parts of clipped triangles follow, kParts for each block of the set-up; there are part_count of them.
 struct Records {
@@ -135,7 +140,7 @@ struct RecordCandidates {
 Records take_records(Scratch* scratch, const Frame& f) {
   Records r;
   r.triangles = f.count;
-  r.blocks = (f.count + kSetupThreads - 1) / kSetupThreads;
+  r.blocks = (f.count + kSetupTriangles - 1) / kSetupTriangles;
   const int64_t room = (int64_t)r.triangles + (int64_t)r.blocks * kParts;
   r.records = scratch->take<Record>(room);
   r.boxes = scratch->take<uint32_t>(room);
@@ -150,18 +155,24 @@ __device__ __forceinline__ void put_record(const Primitive& p, int64_t triangle,
 }
 
 __global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
-  __shared__ ClipScratch clip[kSetupThreads / kWarp];
+  __shared__ ClipScratch clip[kSetupTriangles / kWarp];
+  __shared__ Vertex corners[kSetupThreads];
   __shared__ int parts;
   let_next_begin();
+  const int64_t base = (int64_t)blockIdx.x * kSetupTriangles, t = base + threadIdx.x;
+  const int count = (int)min_of<int64_t>(f.count - base, kSetupTriangles);
   if (threadIdx.x == 0) parts = 0;
+  project_corners(f, base, count, corners, threadIdx.x, kSetupThreads);
   __syncthreads();
-  const int64_t t = (int64_t)blockIdx.x * kSetupThreads + threadIdx.x;
-  Primitive p;
-  const Fate fate = t < f.count ? set_up(f, (int32_t)t, nullptr, &p) : Fate::kNothing;
-  if (fate == Fate::kWhole)
-    put_record(p, t, r.records + t, r.boxes + t);
-  else if (t < f.count)
-    r.boxes[t] = kNoBox;
+  Fate fate = Fate::kNothing;
+  if ((int)threadIdx.x < count) {
+    Primitive p;
+    fate = assemble(f, corners + 3 * threadIdx.x, &p);
+    if (fate == Fate::kWhole)
+      put_record(p, t, r.records + t, r.boxes + t);
+    else
+      r.boxes[t] = kNoBox;
+  }
   for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
     const int32_t triangle = (int32_t)(t - lane_id()) + __ffs(todo) - 1;
     Primitive part;
@@ -193,7 +204,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_some(const __
 
 constexpr int kSliverThreads = 128;
 
-__global__ void __launch_bounds__(kSliverThreads) draw_slivers(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
+__global__ void __launch_bounds__(kSliverThreads, 6) draw_slivers(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
   let_next_begin();
   wait_for_previous();
   const RecordCandidates candidates(r);
@@ -316,7 +327,7 @@ template <int kWarps>
 cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   const Queues q = take_queues(&scratch, f, t);
-  BIGTRI_CUDA(launch_clear(f, t, q.projected, q.counters, kCounters, stream));
+  BIGTRI_CUDA(launch_clear(f, q.projected, q.counters, kCounters, stream));
   int share;
   int64_t set_up_blocks;
   BIGTRI_CUDA(share_triangles(draw_many, kManyThreads, f.count, &share, &set_up_blocks));

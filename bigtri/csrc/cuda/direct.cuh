@@ -132,24 +132,33 @@ __device__ __noinline__ void draw_sliver(int64_t* packed, int width, const Recor
 
 // --- The frame
 
-// Background everywhere, zeros in the counters, and the vertices projected where there is room for them.
-__global__ void clear_frame(const __grid_constant__ Frame f, Vertex* projected, uint32_t* counters, int counter_count) {
+// Background everywhere, zeros in the counters, and the vertices projected where there is room for them: by blocks of their own, since one is bound by memory and the other by arithmetic.
+constexpr int kClearThreads = 256, kClearPixels = 16 * kClearThreads;  // of a block
+
+__global__ void __launch_bounds__(kClearThreads)
+    clear_frame(const __grid_constant__ Frame f, Vertex* projected, int projecting_blocks, uint32_t* counters, int counter_count) {
   let_next_begin();
-  const int64_t n = (int64_t)f.view.width * f.view.height, stride = (int64_t)gridDim.x * blockDim.x, first = (int64_t)blockIdx.x * blockDim.x + threadIdx.x;
-  if (((uintptr_t)f.packed & 15) == 0) {
-    for (int64_t i = first; i < n / 2; i += stride) reinterpret_cast<longlong2*>(f.packed)[i] = make_longlong2(kBackground, kBackground);
-    if (first == 0 && n % 2) f.packed[n - 1] = kBackground;
-  } else {
-    for (int64_t i = first; i < n; i += stride) f.packed[i] = kBackground;
-  }
-  if (projected)
-    for (int64_t i = first; i < f.vertices; i += stride) {
+  const int thread = threadIdx.x, block = (int)blockIdx.x - projecting_blocks;
+  if (block < 0) {
+    for (int64_t i = (int64_t)blockIdx.x * kClearThreads + thread; i < f.vertices; i += (int64_t)projecting_blocks * kClearThreads) {
       float v[4];
       load_vertex(f, i, v);
-      projected[i] = project_vertex(v, f.view.width, f.view.height);
+      const Vertex p = project_vertex(v, f.view.width, f.view.height);
+      reinterpret_cast<int4*>(projected)[i] = make_int4(p.x, p.y, __float_as_int(p.z), (int)p.flags);
     }
-  if (first == 0) *f.dropped = 0;
-  if (first < counter_count) counters[first] = 0;
+    return;
+  }
+  const int64_t n = (int64_t)f.view.width * f.view.height, first = (int64_t)block * kClearPixels, end = min_of(first + kClearPixels, n);
+  if (((uintptr_t)f.packed & 15) == 0) {
+    for (int64_t i = first + 2 * thread; i + 1 < end; i += 2 * kClearThreads)
+      *reinterpret_cast<longlong2*>(f.packed + i) = make_longlong2(kBackground, kBackground);
+    if (thread == 0 && end == n && n % 2) f.packed[n - 1] = kBackground;
+  } else {
+    for (int64_t i = first + thread; i < end; i += kClearThreads) f.packed[i] = kBackground;
+  }
+  if (block > 0) return;
+  if (thread == 0) *f.dropped = 0;
+  if (thread < counter_count) counters[thread] = 0;
 }
 
 // The depth image of a finished frame.
@@ -166,11 +175,10 @@ Vertex* take_projected(Scratch* scratch, const Frame& f) {
 }
 
 // A frame's first kernel.
-cudaError_t launch_clear(const Frame& f, const Tuning& t, Vertex* projected, uint32_t* counters, int counter_count, cudaStream_t stream) {
-  int blocks;
-  BIGTRI_CUDA(
-      blocks_for(clear_frame, 256, 0, max_of(((int64_t)f.view.width * f.view.height + 511) / 512, projected ? (f.vertices + 255) / 256 : 0), t, &blocks));
-  clear_frame<<<blocks, 256, 0, stream>>>(f, projected, counters, counter_count);
+cudaError_t launch_clear(const Frame& f, Vertex* projected, uint32_t* counters, int counter_count, cudaStream_t stream) {
+  const int64_t clearing = ((int64_t)f.view.width * f.view.height + kClearPixels - 1) / kClearPixels;
+  const int64_t projecting = projected ? min_of<int64_t>((f.vertices + kClearThreads - 1) / kClearThreads, 1 << 20) : 0;
+  clear_frame<<<(unsigned)(projecting + clearing), kClearThreads, 0, stream>>>(f, projected, (int)projecting, counters, counter_count);
   return cudaGetLastError();
 }
 

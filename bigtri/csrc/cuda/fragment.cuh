@@ -8,15 +8,6 @@
 namespace bigtri {
 namespace {
 
-// A record within one bin. record is read for thin ones alone.
-struct Entry {
-  CellPlane plane;
-  NarrowEdge edge[3];  // from the bin's first pixel
-  float zmin, zmax;
-  uint32_t triangle, flags;
-  const Record* record;
-};
-
 // False if an edge rejects the bin.
 __device__ __forceinline__ bool narrow_edges(const Record& r, int bin_x, int bin_y, NarrowEdge edge[3]) {
   for (int k = 0; k < 3; ++k) {
@@ -31,15 +22,53 @@ __device__ __forceinline__ CellPlane cell_plane(const Record& r, int bin_x, int 
   return {depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin), r.dzdx, r.dzdy};
 }
 
-// Of a record that no edge keeps out of the bin.
-__device__ __forceinline__ void make_entry(const Record* r, int bin_x, int bin_y, Entry* e) {
-  narrow_edges(*r, bin_x, bin_y, e->edge);
-  e->plane = cell_plane(*r, bin_x, bin_y);
-  e->zmin = r->zmin;
-  e->zmax = r->zmax;
-  e->triangle = r->triangle;
-  e->flags = r->flags;
-  e->record = r;
+// A record within one bin.
+struct Entry {
+  CellPlane plane;
+  NarrowEdge edge[3];  // from the bin's first pixel
+  float zmin, zmax;
+  uint32_t triangle;
+  uint32_t info;  // slot of the record << 3 | its flags
+
+  __device__ __forceinline__ bool thin() const { return info & kRecordThin; }
+  __device__ __forceinline__ bool far() const { return info & kRecordFar; }
+  __device__ __forceinline__ uint32_t slot() const { return info >> 3; }
+};
+static_assert(kRecordLarge < 8 && kRecordThin < 8 && kRecordFar < 8, "flags fit beside the slot");
+
+// What a record and a part of a bin have to do with each other: it misses it, or its nearest depth there, and the farthest where it covers all of it and so hides what lies behind, else infinity.
+struct Meeting {
+  bool meets;
+  float nearest, farthest;
+};
+
+// Makes the entry of a record for the bin if it meets the rows [top, top + rows) of it. Extremes in int64: an edge far away does not fit 32 bits; one that crosses the bin does.
+__device__ __forceinline__ Meeting enter_bin(const Record& r, uint32_t slot, int bin_x, int bin_y, int top, int rows, Entry* e) {
+  bool full = !(r.flags & kRecordFar);
+  double g[3];
+  for (int k = 0; k < 3; ++k) {
+    const Edge edge = edge_of(r.x, r.y, k);
+    const int64_t value = edge_value(edge, pixel_centre(bin_x * kBin), pixel_centre(bin_y * kBin));
+    BinEdge b;
+    b.sx = -edge.dy;
+    b.sy = edge.dx;
+    b.f = (value + edge_bias(edge)) >> kSubpixelBits;
+    b.lowest = lowest_of(b.f, b.sx, b.sy, kBin - 1);
+    const int64_t first = b.f + (int64_t)top * b.sy;
+    if (first + (int64_t)(kBin - 1) * max_of(b.sx, 0) + (int64_t)(rows - 1) * max_of(b.sy, 0) < 0) return {false, 0.0f, 0.0f};
+    full = full && first + (int64_t)(kBin - 1) * min_of(b.sx, 0) + (int64_t)(rows - 1) * min_of(b.sy, 0) >= 0;
+    e->edge[k] = narrow(b);
+    g[k] = (double)value;
+  }
+  e->zmin = r.zmin;
+  e->zmax = r.zmax;
+  e->triangle = r.triangle;
+  e->info = slot << 3 | r.flags;
+  if (r.flags & kRecordThin) return {true, r.zmin, full ? r.zmax : kInfinity};
+  const CellPlane plane = {weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], (double)r.area), r.dzdx, r.dzdy};
+  e->plane = plane;
+  return {true, corner_depth(plane, r.zmin, r.zmax, 0, top, kBin - 1, rows - 1, false),
+          full ? corner_depth(plane, r.zmin, r.zmax, 0, top, kBin - 1, rows - 1, true) : kInfinity};
 }
 
 // Extremes of f over the centres from (x, y) to (x + last_x, y + last_y) of the bin.
@@ -51,7 +80,7 @@ __device__ __forceinline__ int32_t lowest_over(const NarrowEdge& e, int x, int y
 }
 
 __device__ __forceinline__ float bound_depth(const Entry& e, int x, int y, int last_x, int last_y, bool farthest) {
-  if (e.flags & kRecordThin) return farthest ? e.zmax : e.zmin;
+  if (e.thin()) return farthest ? e.zmax : e.zmin;
   return corner_depth(e.plane, e.zmin, e.zmax, x, y, last_x, last_y, farthest);
 }
 

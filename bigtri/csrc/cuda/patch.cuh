@@ -9,7 +9,7 @@ namespace {
 
 constexpr int kRegion = 16;       // px; side of a warp's part of the patch
 constexpr int kLanePixels = 8;    // two next to each other in each of four rows, four rows apart
-constexpr int kMaxEntries = 128;  // drawn together
+constexpr int kMaxEntries = 256;  // drawn together
 
 // The bins that a record touches, first and last column and row, a byte each: what a block looks at before the record itself.
 __device__ __forceinline__ uint32_t box_of(const Record& r) {
@@ -32,8 +32,9 @@ struct Candidates {
 
 // Shared memory of a block that owns a patch.
 struct PatchShared {
-  Entry entries[kMaxEntries];
-  int count;
+  Entry entries[kMaxEntries];  // of records whose bins the patch lies in
+  uint16_t list[kMaxEntries];  // those that can be seen
+  int entry_count, list_count;
   uint32_t far;  // bits of the depth behind which nothing of the patch can be seen
 };
 
@@ -84,7 +85,7 @@ struct Region {
     }
   }
 
-  __device__ __forceinline__ void draw(const Entry& e, bool full, const Patch<kWarps>& p) {
+  __device__ __forceinline__ void draw(const Entry& e, bool full, const Patch<kWarps>& p, const Record* records) {
     uint32_t covered = cut;
     const int i = lane_x(), j = lane_y();
     if (!full) {
@@ -102,7 +103,7 @@ struct Region {
       }
       covered &= inside;
     }
-    if (e.flags & (kRecordThin | kRecordFar)) return draw_special(e, covered, p);
+    if (e.thin() || e.far()) return draw_special(e, covered, p, records);
     const double column = i, line = j;  // sums of small integers are exact, and cheaper than conversions
     const double left = plane_column<double>(e.plane.dzdx, column), right = plane_column<double>(e.plane.dzdx, column + 1.0);
 #pragma unroll
@@ -118,14 +119,13 @@ struct Region {
   }
 
   // Thin records, and those that reach beyond z = 1. Not unrolled, but for the choice of the register.
-  __device__ __forceinline__ void draw_special(const Entry& e, uint32_t covered, const Patch<kWarps>& p) {
+  __device__ __forceinline__ void draw_special(const Entry& e, uint32_t covered, const Patch<kWarps>& p, const Record* records) {
 #pragma unroll 1
     for (int n = 0; n < kLanePixels; ++n) {
       if (!(covered >> n & 1)) continue;
       const int i = lane_x() + n % 2, j = lane_y() + n / 2 * 4;
-      const float z = e.flags & kRecordThin
-                          ? thin_depth(e.record, p.bin_x * kBin + i, p.bin_y * kBin + j)
-                          : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j) + plane_column<double>(e.plane.dzdx, i), e.zmin, e.zmax);
+      const float z = e.thin() ? thin_depth(records + e.slot(), p.bin_x * kBin + i, p.bin_y * kBin + j)
+                               : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j) + plane_column<double>(e.plane.dzdx, i), e.zmin, e.zmax);
       const int64_t packed = pack_fragment(z, e.triangle);
 #pragma unroll
       for (int m = 0; m < kLanePixels; ++m)
@@ -134,25 +134,25 @@ struct Region {
   }
 
   // Draws the block's entries: what misses the region or lies behind it first falls out, an entry a lane.
-  __device__ __forceinline__ void draw_all(const Entry* entries, int count, const Patch<kWarps>& p) {
+  __device__ __forceinline__ void draw_all(const PatchShared& s, int count, const Patch<kWarps>& p, const Record* records) {
     for (int base = 0; base < count; base += kWarp) {
       bool keep = false, full = false;
       float nearest = 0.0f, farthest = kInfinity;
       if (base + lane_id() < count) {
-        const Entry& e = entries[base + lane_id()];
+        const Entry& e = s.entries[s.list[base + lane_id()]];
         keep = full = true;
         for (int k = 0; k < 3; ++k) {
           keep = keep && highest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
           full = full && lowest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
         }
         if (keep) nearest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, false);
-        if (full && !(e.flags & kRecordFar)) farthest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, true);
+        if (full && !e.far()) farthest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, true);
       }
       far = min_of(far, bits_float(warp_min(float_bits(farthest))));  // depths are not negative: their bits are in order
       const unsigned whole = __ballot_sync(kAllLanes, full);
       for (unsigned todo = __ballot_sync(kAllLanes, keep && nearest <= far); todo; todo &= todo - 1) {
         const int i = __ffs(todo) - 1;
-        draw(entries[base + i], whole >> i & 1, p);
+        draw(s.entries[s.list[base + i]], whole >> i & 1, p, records);
       }
     }
   }
@@ -203,26 +203,6 @@ __device__ __forceinline__ PatchShared* patch_shared() {
   return reinterpret_cast<PatchShared*>(memory);
 }
 
-// Whether the record meets the patch, and the bounds of its depth there: the nearest, and the farthest where it covers all of the patch and hides what lies behind (else infinity).
-template <int kWarps>
-__device__ __forceinline__ bool meets_patch(const Record& r, const Patch<kWarps>& p, float* nearest, float* farthest) {
-  constexpr int kLastRow = Patch<kWarps>::kRows - 1;
-  bool full = !(r.flags & kRecordFar);
-  for (int k = 0; k < 3; ++k) {
-    const Edge e = edge_of(r.x, r.y, k);
-    const int64_t f = edge_steps(e, p.bin_x * kBin, p.bin_y * kBin + p.top);
-    if (f + (int64_t)(kBin - 1) * max_of(-e.dy, 0) + (int64_t)kLastRow * max_of(e.dx, 0) < 0) return false;
-    full = full && f + (int64_t)(kBin - 1) * min_of(-e.dy, 0) + (int64_t)kLastRow * min_of(e.dx, 0) >= 0;
-  }
-  *nearest = r.zmin;
-  *farthest = full ? r.zmax : kInfinity;
-  if (r.flags & kRecordThin) return true;
-  const CellPlane plane = cell_plane(r, p.bin_x, p.bin_y);
-  *nearest = corner_depth(plane, r.zmin, r.zmax, 0, p.top, kBin - 1, kLastRow, false);
-  if (full) *farthest = corner_depth(plane, r.zmin, r.zmax, 0, p.top, kBin - 1, kLastRow, true);
-  return true;
-}
-
 // By all threads of a block.
 template <int kWarps>
 __device__ __forceinline__ void store_background(const Frame& f, const Patch<kWarps>& p) {
@@ -261,51 +241,41 @@ __device__ __forceinline__ void draw_patch(const Frame& f, const Candidates& can
     return;
   }
   if (threadIdx.x == 0) {
-    s->count = 0;
+    s->entry_count = s->list_count = 0;
     s->far = float_bits(kInfinity);
   }
   __syncthreads();
   bool done = false;  // this thread's candidate of the turn
   for (int base = 0;;) {
-    bool full_list = false;
-    while (base < count && !full_list) {
+    bool full_up = false;
+    while (base < count && !full_up) {
       const int i = base + (int)threadIdx.x;
-      const Record* record = nullptr;
-      float nearest = 0.0f;
+      bool pending = false;
+      int place = 0;
+      Meeting meeting = {false, 0.0f, 0.0f};
       if (i < count && !done) {
         const int slot = candidates.slot(i);
         if (in_box(candidates.boxes[slot], patch.bin_x, patch.bin_y)) {
-          float farthest;
-          if (meets_patch(candidates.records[slot], patch, &nearest, &farthest)) {
-            record = candidates.records + slot;
-            if (farthest < kInfinity) atomicMin(&s->far, float_bits(farthest));
+          place = atomicAdd(&s->entry_count, 1);
+          pending = place >= room;
+          if (!pending) {
+            meeting = enter_bin(candidates.records[slot], (uint32_t)slot, patch.bin_x, patch.bin_y, patch.top, Patch<kWarps>::kRows, &s->entries[place]);
+            if (meeting.meets && meeting.farthest < kInfinity) atomicMin(&s->far, float_bits(meeting.farthest));
           }
         }
       }
-      bool pending = record;
-      if (__syncthreads_or(pending)) {
-        pending = pending && nearest <= bits_float(s->far);
-        if (pending) {
-          const int place = atomicAdd(&s->count, 1);
-          if (place < room) {
-            make_entry(record, patch.bin_x, patch.bin_y, &s->entries[place]);
-            pending = false;
-          }
-        }
-        done = !pending;
-        full_list = __syncthreads_or(pending);
-      }
-      if (!full_list) {
-        done = false;
-        base += kThreads;
-      }
+      full_up = __syncthreads_or(pending);
+      if (meeting.meets && meeting.nearest <= bits_float(s->far)) s->list[atomicAdd(&s->list_count, 1)] = (uint16_t)place;
+      done = full_up && !pending;
+      if (!full_up) base += kThreads;
+      __syncthreads();
     }
-    const int waiting = min_of(s->count, room);
+    const int waiting = s->list_count;
     if (waiting > 0 || (kOutput == Output::kWrite && !drawn)) {
       Region<kWarps> region;
       region.begin(f, patch, bits_float(s->far));
       if (kOutput == Output::kWrite && drawn) region.load(f, patch);
-      region.draw_all(s->entries, waiting, patch);
+      region.draw_all(*s, waiting, patch, candidates.records);
       if (kOutput == Output::kWrite)
         region.store(f, patch);
       else
@@ -313,8 +283,8 @@ __device__ __forceinline__ void draw_patch(const Frame& f, const Candidates& can
       drawn = true;
     }
     __syncthreads();
-    if (!full_list) return;
-    if (threadIdx.x == 0) s->count = 0;
+    if (!full_up) return;
+    if (threadIdx.x == 0) s->entry_count = s->list_count = 0;
     __syncthreads();
   }
 }

@@ -103,6 +103,8 @@ struct Shared {
     ClipScratch clip[kWarps];
     Record record[kWarps];
   };
+  float nearest[kThreads / 4];  // depth of the entries
+  uint32_t far;
   int count, bin;
   __device__ Shared() {}
 };
@@ -145,7 +147,7 @@ __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int coun
 }
 
 // A warp's row of tiles of one entry, into shared memory.
-__device__ __forceinline__ void draw_tiles(const Frame& f, const Entry& e, int bin_x, int bin_y, int row, int64_t* pixels) {
+__device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records, const Entry& e, int bin_x, int bin_y, int row, int64_t* pixels) {
   bool any = true, all = true;
   for (int k = 0; k < 3; ++k) {
     const int32_t at = tile_edge(e.edge[k], lane_id() & 7, row);
@@ -164,7 +166,7 @@ __device__ __forceinline__ void draw_tiles(const Frame& f, const Entry& e, int b
         for (int k = 0; k < 3; ++k) outside |= e.edge[k].f + i * e.edge[k].sx + y * e.edge[k].sy;
       if (outside < 0 || px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) continue;
       const float z =
-          e.flags & kRecordThin ? thin_depth(e.record, px, py) : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
+          e.thin() ? thin_depth(records + e.slot(), px, py) : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
       int64_t& pixel = pixels[y * kBin + i];
       pixel = min_of(pixel, pack_fragment(z, e.triangle));
     }
@@ -177,6 +179,7 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
     const int px = bin_x * kBin + i % kBin, py = bin_y * kBin + i / kBin;
     s->pixels[i] = !first_pass && px < f.view.width && py < f.view.height ? f.packed[(int64_t)py * f.view.width + px] : kBackground;
   }
+  if (threadIdx.x == 0) s->far = float_bits(kInfinity);
   const uint32_t waiting = j.bin_count[bin];
   const bool listed = waiting <= (uint32_t)j.room;
   const int n = listed ? (int)waiting : j.pass + parts;
@@ -188,15 +191,22 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
     if (threadIdx.x < kTogether && i < n) {
       const int slot = listed ? (int)j.queues[(int64_t)bin * j.room + i] : i;
       const bool valid = listed || ((i < count || i >= j.pass) && j.valid[i]);
-      NarrowEdge edge[3];
       if (valid) {
         const Record& r = j.records[slot];
         const bool inside = listed || (r.x0 / kBin <= bin_x && (r.x1 - 1) / kBin >= bin_x && r.y0 / kBin <= bin_y && (r.y1 - 1) / kBin >= bin_y);
-        if (inside && narrow_edges(r, bin_x, bin_y, edge)) make_entry(&r, bin_x, bin_y, &s->entries[atomicAdd(&s->count, 1)]);
+        NarrowEdge edge[3];
+        if (inside && (listed || narrow_edges(r, bin_x, bin_y, edge))) {
+          const int at = atomicAdd(&s->count, 1);
+          const Meeting meeting = enter_bin(r, (uint32_t)slot, bin_x, bin_y, 0, kBin, &s->entries[at]);
+          s->nearest[at] = meeting.nearest;
+          if (meeting.farthest < kInfinity) atomicMin(&s->far, float_bits(meeting.farthest));
+        }
       }
     }
     __syncthreads();
-    for (int k = 0; k < s->count; ++k) draw_tiles(f, s->entries[k], bin_x, bin_y, warp, s->pixels);
+    const float far = bits_float(s->far);  // behind what covers all of the bin nothing can be seen
+    for (int k = 0; k < s->count; ++k)
+      if (s->nearest[k] <= far) draw_tiles(f, j.records, s->entries[k], bin_x, bin_y, warp, s->pixels);
   }
   __syncthreads();
   for (int i = threadIdx.x; i < kBin * kBin; i += kThreads) {

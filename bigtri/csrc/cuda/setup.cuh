@@ -43,7 +43,16 @@ __device__ __forceinline__ bool load_indices(const Frame& f, int32_t t, int32_t 
   return valid;
 }
 
-// What becomes of triangle t; kWhole if and only if *p is to be drawn, kClip if it has to be clipped first. projected: all vertices, or null to project them here.
+// What becomes of a triangle with these corners; kWhole if and only if *p is to be drawn, kClip if it has to be clipped first.
+__device__ __forceinline__ Fate assemble(const Frame& f, const Vertex v[3], Primitive* p) {
+  const Fate fate = fate_of(v[0].flags, v[1].flags, v[2].flags);
+  if (fate != Fate::kWhole) return fate;
+  const int32_t x[3] = {v[0].x, v[1].x, v[2].x}, y[3] = {v[0].y, v[1].y, v[2].y};
+  const float z[3] = {v[0].z, v[1].z, v[2].z};
+  return make_primitive(x, y, z, f.view, p) ? Fate::kWhole : Fate::kNothing;
+}
+
+// assemble() for triangle t. projected: all vertices, or null to project its own.
 __device__ __forceinline__ Fate set_up(const Frame& f, int32_t t, const Vertex* projected, Primitive* p) {
   int32_t index[3];
   if (!load_indices(f, t, index)) return Fate::kDropped;
@@ -58,11 +67,22 @@ __device__ __forceinline__ Fate set_up(const Frame& f, int32_t t, const Vertex* 
     for (int k = 0; k < 3; ++k) load_vertex(f, index[k], corner[k]);
     for (int k = 0; k < 3; ++k) v[k] = project_vertex(corner[k], f.view.width, f.view.height);
   }
-  const Fate fate = fate_of(v[0].flags, v[1].flags, v[2].flags);
-  if (fate != Fate::kWhole) return fate;
-  const int32_t x[3] = {v[0].x, v[1].x, v[2].x}, y[3] = {v[0].y, v[1].y, v[2].y};
-  const float z[3] = {v[0].z, v[1].z, v[2].z};
-  return make_primitive(x, y, z, f.view, p) ? Fate::kWhole : Fate::kNothing;
+  return assemble(f, v, p);
+}
+
+// The corners of `count` triangles from `base` on, by `threads` threads: where triangles are few, three threads for one take a third of the time. An index that names no vertex makes
+// its triangle one to drop.
+__device__ __forceinline__ void project_corners(const Frame& f, int64_t base, int count, Vertex* corners, int thread, int threads) {
+  for (int c = thread; c < 3 * count; c += threads) {
+    const int32_t index = __ldg(f.triangles + 3 * base + c);
+    Vertex corner = {0, 0, 0.0f, kNonFinite};
+    if (index >= 0 && index < f.vertices) {
+      float v[4];
+      load_vertex(f, index, v);
+      corner = project_vertex(v, f.view.width, f.view.height);
+    }
+    corners[c] = corner;
+  }
 }
 
 // Shared memory of a warp that clips.

@@ -38,7 +38,7 @@ Tuning tuning() {
 
 bool set_tuning(const Tuning& t) {
   const bool ok = t.few >= 0 && t.some >= 0 && t.some <= 1 << 16 && (t.warps == 4 || t.warps == 8 || t.warps == 16) && t.blocks >= 0 && t.blocks <= 1 << 20 &&
-                  t.entries >= 1 && t.entries <= 128 && t.queue >= 1 && t.queue <= 1 << 24 && t.threshold >= 0;
+                  t.entries >= 1 && t.entries <= 256 && t.queue >= 1 && t.queue <= 1 << 24 && t.threshold >= 0;
   if (!ok) return false;
   const std::lock_guard<std::mutex> lock(mutex);
   current = t;
