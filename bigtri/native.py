@@ -98,8 +98,9 @@ def batch_limits(records: int, candidates: int) -> Iterator[None]:
 class CudaTuning(NamedTuple):
     """How the CUDA kernels are launched. No setting changes a bit of the picture; docs/cuda.md has the measurements behind them.
 
-    few: up to so many triangles every block sets up all of them.
-    some: up to so many every block looks at all records; above, small triangles are drawn at once and only large ones wait.
+    alone: up to so many triangles every warp looks at all of them by itself.
+    few: up to so many, every block looks at all of them.
+    some: the same, but for slivers; above, small triangles are drawn at once and only large ones wait.
     warps: of a block that owns pixels, 4, 8 or 16.
     blocks: of kernels whose blocks take work in turns; 0 for as many as the device holds.
     entries: records that a block draws together, 1 to 256.
@@ -107,6 +108,7 @@ class CudaTuning(NamedTuple):
     threshold: px of bbox above which a record waits for a block that owns the bin.
     """
 
+    alone: int
     few: int
     some: int
     warps: int

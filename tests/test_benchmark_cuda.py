@@ -283,7 +283,7 @@ def test_without_a_gpu_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_ways() -> None:
     names = [way.name for way in cuda_scaling.ways(("bin_owned", "persistent"))]
-    assert names == ["bin_owned", "persistent", "bin_owned few", "bin_owned some", "bin_owned many"]
+    assert names == ["bin_owned", "persistent", "bin_owned alone", "bin_owned few", "bin_owned some", "bin_owned many"]
     assert all(set(way.tuning) <= set(native.CudaTuning._fields) for way in cuda_scaling.ways(("bin_owned",)))
 
 

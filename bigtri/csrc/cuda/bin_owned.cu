@@ -1,7 +1,8 @@
-// The variant that "auto" means: blocks own pixels and write each once. How triangles get to the blocks depends on how many there are, which the host knows without asking the device:
-//   few   one kernel: every block sets all of them up and keeps the records in shared memory;
-//   some  set-up to records, a block for every patch that looks at all of them, then slivers;
-//   many  clear, set-up that draws small triangles at once and queues large ones and slivers, then these.
+// The variant that "auto" means: blocks own pixels and write each once. How triangles get to the pixels depends on how many there are, which the host knows without asking the device:
+//   alone  set-up to records; then every warp looks at all of them for each of its regions;
+//   few    set-up; then every block looks at all of them for each of its patches;
+//   some   the same, but for slivers, which are drawn last;
+//   many   clear, set-up that draws small triangles at once and queues large ones and slivers, then these.
 
 #include "direct.cuh"
 #include "launch.cuh"
@@ -11,98 +12,7 @@
 namespace bigtri {
 namespace {
 
-// --- few
-
-constexpr int kClipWarps = 2;  // triangles that are clipped at a time
-constexpr int kClipParts = kClipWarps * kMaxSubTriangles;
-
-template <int kWarps>
-struct FewShared {
-  static constexpr int kChunk = kWarps * kWarp < 256 ? kWarps * kWarp : 256;  // triangles at a time
-  static constexpr int kRecords = kChunk + kClipParts;
-  PatchShared patch;  // where draw_patch looks for it
-  Record records[kRecords];
-  uint32_t boxes[kRecords];
-  int32_t clipped[kChunk];  // triangles of this chunk that have to be clipped
-  int clip_count;
-  // While nothing is drawn, the entries' memory serves the set-up.
-  __device__ Vertex* corners() { return reinterpret_cast<Vertex*>(patch.entries); }
-  __device__ ClipScratch* clip() { return reinterpret_cast<ClipScratch*>(patch.entries); }
-  static_assert(sizeof(Vertex) * 3 * kChunk <= sizeof(patch.entries) && sizeof(ClipScratch) * kClipWarps <= sizeof(patch.entries), "room for the set-up");
-};
-
-// The first chunk's patches start from the background and are written in any case; later chunks go on from what is there.
-template <int kWarps>
-__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __grid_constant__ Frame f, int room) {
-  extern __shared__ __align__(16) char memory[];
-  FewShared<kWarps>& s = *reinterpret_cast<FewShared<kWarps>*>(memory);
-  constexpr int kChunk = FewShared<kWarps>::kChunk, kRecords = FewShared<kWarps>::kRecords;
-  const int thread = threadIdx.x, warp = thread / kWarp, patches = Patch<kWarps>::count(f.view);
-  int64_t dropped = 0;
-  bool first = true;
-  for (int64_t base = 0; base < f.count || first; base += kChunk) {
-    __syncthreads();
-    if (thread == 0) s.clip_count = 0;
-    __syncthreads();
-    const int count = (int)min_of<int64_t>(f.count - base, kChunk);
-    project_corners(f, base, count, s.corners(), thread, kWarps * kWarp);
-    __syncthreads();
-    Fate fate = Fate::kNothing;
-    if (thread < kChunk) {
-      uint32_t box = kNoBox;
-      if (thread < count) {
-        Primitive p;
-        fate = assemble(f, s.corners() + 3 * thread, &p);
-        if (fate == Fate::kWhole) {
-          fill_record(p, base + thread, &s.records[thread]);
-          box = box_of(s.records[thread]);
-        } else if (fate == Fate::kClip) {
-          s.clipped[atomicAdd(&s.clip_count, 1)] = (int32_t)(base + thread);
-        }
-      }
-      s.boxes[thread] = box;
-    }
-    dropped += __syncthreads_count(fate == Fate::kDropped);
-    const int clip_count = s.clip_count;
-    for (int clip = 0; clip < clip_count || clip == 0; clip += kClipWarps) {
-      if (clip > 0) {  // the chunk's whole triangles are done
-        __syncthreads();
-        for (int i = thread; i < kChunk; i += kWarps * kWarp) s.boxes[i] = kNoBox;
-      }
-      int records = kChunk;
-      if (clip_count > 0) {
-        records = kRecords;
-        for (int i = kChunk + thread; i < kRecords; i += kWarps * kWarp) s.boxes[i] = kNoBox;
-        __syncthreads();
-        if (warp < kClipWarps && clip + warp < clip_count) {
-          Primitive part;
-          const int32_t t = s.clipped[clip + warp];
-          if (clip_part(f, t, s.clip() + warp, &part)) {
-            const int slot = kChunk + warp * kMaxSubTriangles + lane_id();
-            fill_record(part, t, &s.records[slot]);
-            s.boxes[slot] = box_of(s.records[slot]);
-          }
-        }
-        __syncthreads();
-      }
-      const Candidates candidates = {s.records, s.boxes, records};
-      for (int i = blockIdx.x; i < patches; i += gridDim.x) draw_patch<kWarps, Output::kWrite>(f, candidates, Patch<kWarps>::at(f.view, i), room, !first);
-      first = false;
-    }
-  }
-  if (blockIdx.x == 0 && thread == 0) *f.dropped = dropped;
-}
-
-template <int kWarps>
-cudaError_t launch_few(const Frame& f, const Tuning& t, cudaStream_t stream) {
-  constexpr int64_t kBytes = sizeof(FewShared<kWarps>);
-  int blocks;
-  BIGTRI_CUDA(blocks_for(draw_few<kWarps>, kWarps * kWarp, kBytes, Patch<kWarps>::count(f.view), t, &blocks));
-  draw_few<kWarps><<<blocks, kWarps * kWarp, kBytes, stream>>>(f, (int)t.entries);
-  return cudaGetLastError();
-}
-
-// --- some
+// --- up to some
 
 constexpr int kSetupTriangles = 64, kSetupThreads = 3 * kSetupTriangles;  // a thread a corner, then a thread a triangle
 constexpr int kParts = kSetupTriangles * kMaxSubTriangles;  // that the clipped triangles of a block can become
@@ -125,13 +35,14 @@ struct RecordCandidates {
   int count;
 
   __device__ explicit RecordCandidates(const Records& r) : records(r.records), boxes(r.boxes), all(r), count(r.triangles) {
+#pragma unroll 1
     for (int b = 0; b < r.blocks; ++b) count += r.part_count[b];
   }
-  __device__ __forceinline__ int slot(int i) const { return i < all.triangles ? i : part_slot(i - all.triangles); }
-
- private:
-  __device__ __noinline__ int part_slot(int i) const {
+  __device__ __forceinline__ int slot(int i) const {
+    if (i < all.triangles) return i;
+    i -= all.triangles;
     int b = 0;
+#pragma unroll 1
     for (; i >= all.part_count[b]; ++b) i -= all.part_count[b];
     return all.first_part(b) + i;
   }
@@ -140,7 +51,7 @@ struct RecordCandidates {
 Records take_records(Scratch* scratch, const Frame& f) {
   Records r;
   r.triangles = f.count;
-  r.blocks = (f.count + kSetupTriangles - 1) / kSetupTriangles;
+  r.blocks = max_of((f.count + kSetupTriangles - 1) / kSetupTriangles, 1);
   const int64_t room = (int64_t)r.triangles + (int64_t)r.blocks * kParts;
   r.records = scratch->take<Record>(room);
   r.boxes = scratch->take<uint32_t>(room);
@@ -149,12 +60,12 @@ Records take_records(Scratch* scratch, const Frame& f) {
   return r;
 }
 
-__device__ __forceinline__ void put_record(const Primitive& p, int64_t triangle, Record* record, uint32_t* box) {
+__device__ __forceinline__ void put_record(const Primitive& p, int64_t triangle, bool slivers, Record* record, uint32_t* box) {
   fill_record(p, triangle, record);
-  *box = is_sliver(p) ? kSliverBox : box_of(*record);
+  *box = slivers && is_sliver(p) ? kSliverBox : box_of(*record);
 }
 
-__global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
+__global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_constant__ Frame f, const __grid_constant__ Records r, bool slivers) {
   __shared__ ClipScratch clip[kSetupTriangles / kWarp];
   __shared__ Vertex corners[kSetupThreads];
   __shared__ int parts;
@@ -169,7 +80,7 @@ __global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_con
     Primitive p;
     fate = assemble(f, corners + 3 * threadIdx.x, &p);
     if (fate == Fate::kWhole)
-      put_record(p, t, r.records + t, r.boxes + t);
+      put_record(p, t, slivers, r.records + t, r.boxes + t);
     else
       r.boxes[t] = kNoBox;
   }
@@ -178,7 +89,7 @@ __global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_con
     Primitive part;
     if (clip_part(f, triangle, &clip[threadIdx.x / kWarp], &part)) {
       const int64_t slot = (int64_t)r.first_part((int)blockIdx.x) + atomicAdd(&parts, 1);
-      put_record(part, triangle, r.records + slot, r.boxes + slot);
+      put_record(part, triangle, slivers, r.records + slot, r.boxes + slot);
     }
   }
   const int dropped = __syncthreads_count(fate == Fate::kDropped);
@@ -188,23 +99,40 @@ __global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_con
   }
 }
 
-template <int kWarps>
-__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_some(const __grid_constant__ Frame f, const __grid_constant__ Records r, int room) {
-  const int patches = Patch<kWarps>::count(f.view);
-  let_next_begin();
+// The drawing kernel's last word: what the blocks of the set-up have dropped.
+__device__ __forceinline__ void sum_dropped(const Frame& f, const Records& r) {
+  if (blockIdx.x > 0 || threadIdx.x > 0) return;
+  int64_t dropped = 0;
+#pragma unroll 1
+  for (int i = 0; i < r.blocks; ++i) dropped += r.dropped[i];
+  *f.dropped = dropped;
+}
+
+constexpr int kAloneThreads = 256, kAloneWarps = kAloneThreads / kWarp;
+
+__global__ void __launch_bounds__(kAloneThreads, 4) draw_alone(const __grid_constant__ Frame f, const __grid_constant__ Records r, int room) {
+  __shared__ Entry entries[kAloneWarps][kWarp];
   wait_for_previous();
+  let_next_begin();
+  const int warp = threadIdx.x / kWarp, regions = ((f.view.width + kRegion - 1) / kRegion) * ((f.view.height + kRegion - 1) / kRegion);
   const RecordCandidates candidates(r);
-  for (int i = blockIdx.x; i < patches; i += gridDim.x) draw_patch<kWarps, Output::kWrite>(f, candidates, Patch<kWarps>::at(f.view, i), room, false);
-  if (blockIdx.x == 0 && threadIdx.x == 0) {
-    int64_t dropped = 0;
-    for (int i = 0; i < r.blocks; ++i) dropped += r.dropped[i];
-    *f.dropped = dropped;
-  }
+  for (int i = blockIdx.x * kAloneWarps + warp; i < regions; i += gridDim.x * kAloneWarps) draw_region(f, candidates, i, room, entries[warp]);
+  sum_dropped(f, r);
+}
+
+template <int kWarps>
+__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_together(const __grid_constant__ Frame f, const __grid_constant__ Records r, int room) {
+  wait_for_previous();
+  let_next_begin();
+  const int patches = Patch<kWarps>::count(f.view);
+  const RecordCandidates candidates(r);
+  for (int i = blockIdx.x; i < patches; i += gridDim.x) draw_patch<kWarps, Output::kWrite>(f, candidates, Patch<kWarps>::at(f.view, i), room);
+  sum_dropped(f, r);
 }
 
 constexpr int kSliverThreads = 128;
 
-__global__ void __launch_bounds__(kSliverThreads, 6) draw_slivers(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
+__global__ void __launch_bounds__(kSliverThreads) draw_slivers(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
   let_next_begin();
   wait_for_previous();
   const RecordCandidates candidates(r);
@@ -215,18 +143,26 @@ __global__ void __launch_bounds__(kSliverThreads, 6) draw_slivers(const __grid_c
 }
 
 template <int kWarps>
-cudaError_t launch_some(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
+cudaError_t launch_records(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   const Records r = take_records(&scratch, f);
-  set_up_records<<<r.blocks, kSetupThreads, 0, stream>>>(f, r);
+  const bool alone = f.count <= t.alone, slivers = !alone && f.count > t.few;
+  set_up_records<<<r.blocks, kSetupThreads, 0, stream>>>(f, r, slivers);
   BIGTRI_CUDA(cudaGetLastError());
-  int blocks;
-  BIGTRI_CUDA(blocks_for(draw_some<kWarps>, kWarps * kWarp, sizeof(PatchShared), Patch<kWarps>::count(f.view), t, &blocks));
   Frame undrawn = f;
-  undrawn.depth = nullptr;  // slivers are still to come
-  BIGTRI_CUDA(launch_next(draw_some<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared), stream, undrawn, r, (int)t.entries));
+  if (slivers) undrawn.depth = nullptr;  // they are still to come
+  int blocks;
+  if (alone) {
+    const int64_t regions = (int64_t)((f.view.width + kRegion - 1) / kRegion) * ((f.view.height + kRegion - 1) / kRegion);
+    BIGTRI_CUDA(blocks_for(draw_alone, kAloneThreads, 0, (regions + kAloneWarps - 1) / kAloneWarps, t, &blocks));
+    return launch_next(draw_alone, blocks, kAloneThreads, 0, stream, undrawn, r, (int)min_of<int64_t>(t.entries, kWarp));
+  }
+  BIGTRI_CUDA(blocks_for(draw_together<kWarps>, kWarps * kWarp, sizeof(PatchShared), Patch<kWarps>::count(f.view), t, &blocks));
+  BIGTRI_CUDA(launch_next(draw_together<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared), stream, undrawn, r, (int)t.entries));
+  if (!slivers) return cudaSuccess;
   BIGTRI_CUDA(blocks_for(draw_slivers, kSliverThreads, 0, f.count, t, &blocks));
-  return launch_next(draw_slivers, blocks, kSliverThreads, 0, stream, f, r);
+  BIGTRI_CUDA(launch_next(draw_slivers, blocks, kSliverThreads, 0, stream, f, r));
+  return launch_depth(f, t, stream);
 }
 
 // --- many
@@ -319,7 +255,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_queued(const 
   const int large = (int)min_of(q.counters[kLargeCount], q.room), slivers = (int)min_of(q.counters[kSliverCount], q.room);
   if (large > 0)
     for (int i = blockIdx.x, n = Patch<kWarps>::count(f.view); i < n; i += gridDim.x)
-      draw_patch<kWarps, Output::kMerge>(f, Candidates{q.large, q.boxes, large}, Patch<kWarps>::at(f.view, i), room, false);
+      draw_patch<kWarps, Output::kMerge>(f, Candidates{q.large, q.boxes, large}, Patch<kWarps>::at(f.view, i), room);
   for (int i = blockIdx.x; i < slivers; i += gridDim.x) draw_sliver(f.packed, f.view.width, q.slivers + i, threadIdx.x, kWarps * kWarp);
 }
 
@@ -339,8 +275,8 @@ cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStrea
 
 template <int kWarps>
 cudaError_t launch(const Frame& f, const Tuning& t, void* scratch, cudaStream_t stream) {
-  if (f.count <= t.few) return launch_few<kWarps>(f, t, stream);
-  BIGTRI_CUDA(f.count <= t.some ? launch_some<kWarps>(f, t, scratch, stream) : launch_many<kWarps>(f, t, scratch, stream));
+  if (f.count <= max_of(max_of(t.alone, t.few), t.some)) return launch_records<kWarps>(f, t, scratch, stream);
+  BIGTRI_CUDA(launch_many<kWarps>(f, t, scratch, stream));
   return launch_depth(f, t, stream);
 }
 
@@ -348,9 +284,9 @@ cudaError_t launch(const Frame& f, const Tuning& t, void* scratch, cudaStream_t 
 
 int64_t bin_owned_scratch(const Frame& f, const Tuning& t) {
   Scratch scratch = {nullptr};
-  if (f.count > t.some)
+  if (f.count > max_of(max_of(t.alone, t.few), t.some))
     take_queues(&scratch, f, t);
-  else if (f.count > t.few)
+  else
     take_records(&scratch, f);
   return scratch.used;
 }

@@ -104,28 +104,26 @@ __device__ __noinline__ void draw_sliver(int64_t* packed, int width, const Recor
       if (step[k] == 0 && at[k] < 0) upper = 0;
     }
     for (int k = 0; k < 3; ++k) at[k] += (int64_t)step[k] * lower;
-    int cell = -1;
-    CellPlane plane;
     const int px0 = wide ? r.x0 + n : r.x0, py0 = wide ? r.y0 : r.y0 + n;
     int64_t* const line = packed + (int64_t)py0 * width + px0;
     const int64_t stride = wide ? width : 1;
-    for (int i = lower; i < upper; ++i) {
-      const bool covered = (at[0] | at[1] | at[2]) >= 0;
-      for (int k = 0; k < 3; ++k) at[k] += step[k];
-      if (!covered) continue;
+    // Cell by cell, of which a line mostly meets one.
+    for (int i = lower; i < upper;) {
       const int px = wide ? px0 : px0 + i, py = wide ? py0 + i : py0;
-      float z;
-      if (r.flags & kRecordThin) {
-        z = thin_depth(record, px, py);
-      } else {
-        const int here = (wide ? py : px) / kBin;
-        if (here != cell) {
-          cell = here;
-          plane = cell_plane(r, px / kBin, py / kBin);
-        }
-        z = finish_depth(plane_row<double>(plane.zcell, plane.dzdy, py % kBin) + plane_column<double>(plane.dzdx, px % kBin), r.zmin, r.zmax);
+      const CellPlane plane = cell_plane(r, px / kBin, py / kBin);
+      const int along = (wide ? py : px) % kBin, end = min_of(upper, i + kBin - along);
+      // The plane along the line: (zcell + dzdy * y) + dzdx * x, whichever of the two changes.
+      double at_pixel = along;
+      const double row = plane_row<double>(plane.zcell, plane.dzdy, py % kBin), column = plane_column<double>(plane.dzdx, px % kBin);
+      for (; i < end; ++i, at_pixel += 1.0) {
+        const bool covered = (at[0] | at[1] | at[2]) >= 0;
+        for (int k = 0; k < 3; ++k) at[k] += step[k];
+        if (!covered) continue;
+        const double z = wide ? plane_row<double>(plane.zcell, plane.dzdy, at_pixel) + column : row + plane_column<double>(plane.dzdx, at_pixel);
+        float depth = finish_depth(z, r.zmin, r.zmax);
+        if (r.flags & kRecordThin) depth = thin_depth(record, wide ? px0 : px0 + i, wide ? py0 + i : py0);
+        keep_nearest(line + i * stride, pack_fragment(depth, r.triangle), false);
       }
-      keep_nearest(line + i * stride, pack_fragment(z, r.triangle), false);
     }
   }
 }
@@ -133,18 +131,24 @@ __device__ __noinline__ void draw_sliver(int64_t* packed, int width, const Recor
 // --- The frame
 
 // Background everywhere, zeros in the counters, and the vertices projected where there is room for them: by blocks of their own, since one is bound by memory and the other by arithmetic.
-constexpr int kClearThreads = 256, kClearPixels = 16 * kClearThreads;  // of a block
+constexpr int kClearThreads = 256, kVerticesEach = 4;
+constexpr int kClearPixels = 16 * kClearThreads, kProjectVertices = kVerticesEach * kClearThreads;  // of a block
 
 __global__ void __launch_bounds__(kClearThreads)
     clear_frame(const __grid_constant__ Frame f, Vertex* projected, int projecting_blocks, uint32_t* counters, int counter_count) {
   let_next_begin();
   const int thread = threadIdx.x, block = (int)blockIdx.x - projecting_blocks;
   if (block < 0) {
-    for (int64_t i = (int64_t)blockIdx.x * kClearThreads + thread; i < f.vertices; i += (int64_t)projecting_blocks * kClearThreads) {
-      float v[4];
-      load_vertex(f, i, v);
-      const Vertex p = project_vertex(v, f.view.width, f.view.height);
-      reinterpret_cast<int4*>(projected)[i] = make_int4(p.x, p.y, __float_as_int(p.z), (int)p.flags);
+    const int64_t first = (int64_t)blockIdx.x * kProjectVertices + thread;
+    float v[kVerticesEach][4];
+#pragma unroll
+    for (int k = 0; k < kVerticesEach; ++k)  // all loads before the first use
+      if (first + k * kClearThreads < f.vertices) load_vertex(f, first + k * kClearThreads, v[k]);
+#pragma unroll
+    for (int k = 0; k < kVerticesEach; ++k) {
+      if (first + k * kClearThreads >= f.vertices) break;
+      const Vertex p = project_vertex(v[k], f.view.width, f.view.height);
+      reinterpret_cast<int4*>(projected)[first + k * kClearThreads] = make_int4(p.x, p.y, __float_as_int(p.z), (int)p.flags);
     }
     return;
   }
@@ -177,7 +181,7 @@ Vertex* take_projected(Scratch* scratch, const Frame& f) {
 // A frame's first kernel.
 cudaError_t launch_clear(const Frame& f, Vertex* projected, uint32_t* counters, int counter_count, cudaStream_t stream) {
   const int64_t clearing = ((int64_t)f.view.width * f.view.height + kClearPixels - 1) / kClearPixels;
-  const int64_t projecting = projected ? min_of<int64_t>((f.vertices + kClearThreads - 1) / kClearThreads, 1 << 20) : 0;
+  const int64_t projecting = projected ? (f.vertices + kProjectVertices - 1) / kProjectVertices : 0;
   clear_frame<<<(unsigned)(projecting + clearing), kClearThreads, 0, stream>>>(f, projected, (int)projecting, counters, counter_count);
   return cudaGetLastError();
 }

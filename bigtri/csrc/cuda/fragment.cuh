@@ -28,23 +28,29 @@ struct Entry {
   NarrowEdge edge[3];  // from the bin's first pixel
   float zmin, zmax;
   uint32_t triangle;
-  uint32_t info;  // slot of the record << 3 | its flags
+  uint32_t info;  // slot of the record << 4 | whether it covers the area entered for << 3 | its flags
+  float nearest;  // for those who keep it here
 
   __device__ __forceinline__ bool thin() const { return info & kRecordThin; }
   __device__ __forceinline__ bool far() const { return info & kRecordFar; }
-  __device__ __forceinline__ uint32_t slot() const { return info >> 3; }
+  __device__ __forceinline__ bool full() const { return info & kEntryFull; }
+  __device__ __forceinline__ uint32_t slot() const { return info >> 4; }
+  static constexpr uint32_t kEntryFull = 8;
 };
 static_assert(kRecordLarge < 8 && kRecordThin < 8 && kRecordFar < 8, "flags fit beside the slot");
 
-// What a record and a part of a bin have to do with each other: it misses it, or its nearest depth there, and the farthest where it covers all of it and so hides what lies behind, else infinity.
+// A depth that every record's is below, though not infinite.
+constexpr float kHuge = 1e30f;
+
+// What a record and an area of a bin have to do with each other: it misses it, or its nearest depth there, and the farthest where it covers all of it and so hides what lies behind, else infinity.
 struct Meeting {
   bool meets;
   float nearest, farthest;
 };
 
-// Makes the entry of a record for the bin if it meets the rows [top, top + rows) of it. Extremes in int64: an edge far away does not fit 32 bits; one that crosses the bin does.
-__device__ __forceinline__ Meeting enter_bin(const Record& r, uint32_t slot, int bin_x, int bin_y, int top, int rows, Entry* e) {
-  bool full = !(r.flags & kRecordFar);
+// Makes the entry of a record for the bin if it meets the area of it, px from the bin's corner. Extremes in int64: an edge far away does not fit 32 bits; one that crosses the bin does.
+__device__ __forceinline__ Meeting enter_bin(const Record& r, uint32_t slot, int bin_x, int bin_y, int left, int top, int columns, int rows, Entry* e) {
+  bool full = true;
   double g[3];
   for (int k = 0; k < 3; ++k) {
     const Edge edge = edge_of(r.x, r.y, k);
@@ -54,21 +60,22 @@ __device__ __forceinline__ Meeting enter_bin(const Record& r, uint32_t slot, int
     b.sy = edge.dx;
     b.f = (value + edge_bias(edge)) >> kSubpixelBits;
     b.lowest = lowest_of(b.f, b.sx, b.sy, kBin - 1);
-    const int64_t first = b.f + (int64_t)top * b.sy;
-    if (first + (int64_t)(kBin - 1) * max_of(b.sx, 0) + (int64_t)(rows - 1) * max_of(b.sy, 0) < 0) return {false, 0.0f, 0.0f};
-    full = full && first + (int64_t)(kBin - 1) * min_of(b.sx, 0) + (int64_t)(rows - 1) * min_of(b.sy, 0) >= 0;
+    const int64_t first = b.f + (int64_t)left * b.sx + (int64_t)top * b.sy;
+    if (first + (int64_t)(columns - 1) * max_of(b.sx, 0) + (int64_t)(rows - 1) * max_of(b.sy, 0) < 0) return {false, 0.0f, 0.0f};
+    full = full && first + (int64_t)(columns - 1) * min_of(b.sx, 0) + (int64_t)(rows - 1) * min_of(b.sy, 0) >= 0;
     e->edge[k] = narrow(b);
     g[k] = (double)value;
   }
   e->zmin = r.zmin;
   e->zmax = r.zmax;
   e->triangle = r.triangle;
-  e->info = slot << 3 | r.flags;
-  if (r.flags & kRecordThin) return {true, r.zmin, full ? r.zmax : kInfinity};
+  e->info = slot << 4 | (full ? Entry::kEntryFull : 0) | r.flags;
+  const bool hides = full && !(r.flags & kRecordFar);
+  if (r.flags & kRecordThin) return {true, r.zmin, hides ? r.zmax : kInfinity};
   const CellPlane plane = {weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], (double)r.area), r.dzdx, r.dzdy};
   e->plane = plane;
-  return {true, corner_depth(plane, r.zmin, r.zmax, 0, top, kBin - 1, rows - 1, false),
-          full ? corner_depth(plane, r.zmin, r.zmax, 0, top, kBin - 1, rows - 1, true) : kInfinity};
+  return {true, corner_depth(plane, r.zmin, r.zmax, left, top, columns - 1, rows - 1, false),
+          hides ? corner_depth(plane, r.zmin, r.zmax, left, top, columns - 1, rows - 1, true) : kInfinity};
 }
 
 // Extremes of f over the centres from (x, y) to (x + last_x, y + last_y) of the bin.

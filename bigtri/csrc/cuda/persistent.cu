@@ -103,7 +103,6 @@ struct Shared {
     ClipScratch clip[kWarps];
     Record record[kWarps];
   };
-  float nearest[kThreads / 4];  // depth of the entries
   uint32_t far;
   int count, bin;
   __device__ Shared() {}
@@ -197,8 +196,8 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
         NarrowEdge edge[3];
         if (inside && (listed || narrow_edges(r, bin_x, bin_y, edge))) {
           const int at = atomicAdd(&s->count, 1);
-          const Meeting meeting = enter_bin(r, (uint32_t)slot, bin_x, bin_y, 0, kBin, &s->entries[at]);
-          s->nearest[at] = meeting.nearest;
+          const Meeting meeting = enter_bin(r, (uint32_t)slot, bin_x, bin_y, 0, 0, kBin, kBin, &s->entries[at]);
+          s->entries[at].nearest = meeting.nearest;
           if (meeting.farthest < kInfinity) atomicMin(&s->far, float_bits(meeting.farthest));
         }
       }
@@ -206,7 +205,7 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
     __syncthreads();
     const float far = bits_float(s->far);  // behind what covers all of the bin nothing can be seen
     for (int k = 0; k < s->count; ++k)
-      if (s->nearest[k] <= far) draw_tiles(f, j.records, s->entries[k], bin_x, bin_y, warp, s->pixels);
+      if (s->entries[k].nearest <= far) draw_tiles(f, j.records, s->entries[k], bin_x, bin_y, warp, s->pixels);
   }
   __syncthreads();
   for (int i = threadIdx.x; i < kBin * kBin; i += kThreads) {
