@@ -21,7 +21,7 @@ struct Frame {
 
 // How the kernels are launched, in the whole process. Nothing here changes a bit of the picture; docs/cuda.md has the measurements behind the numbers.
 struct Tuning {
-  int64_t alone = 64;  // up to so many triangles, every warp looks at all of them by itself
+  int64_t alone = 16;  // up to so many triangles, every warp looks at all of them by itself
   int64_t few = 256;   // up to so many, every block does
   int64_t some = 4096;  // the same, but for slivers; above, small triangles are drawn at once and only large ones queued
   int64_t warps = 16;          // of a block that owns a patch of 64 px by 4 px a warp: 4, 8 or 16

@@ -6,7 +6,6 @@
 #include <torch/csrc/stable/tensor.h>
 #include <torch/headeronly/core/ScalarType.h>
 
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -18,12 +17,20 @@ namespace bigtri {
 using torch::headeronly::ScalarType;
 using torch::stable::Tensor;
 
-// STD_TORCH_CHECK would put the path of this file on the machine that built it into every message.
+// STD_TORCH_CHECK would put the path of this file on the machine that built it into every message. No streams: where a toolchain links its C++ library statically, their locales clash with
+// those of the library that torch has loaded, and printing a number crashes.
+inline std::string text_of(const char* v) { return v; }
+inline std::string text_of(const std::string& v) { return v; }
+template <class Number>
+std::string text_of(Number v) {
+  return std::to_string(v);
+}
+
 template <class... Parts>
 [[noreturn]] void fail(const Parts&... parts) {
-  std::ostringstream text;
-  ((text << parts), ...);
-  throw std::runtime_error(text.str());
+  std::string text;
+  ((text += text_of(parts)), ...);
+  throw std::runtime_error(text);
 }
 #define BIGTRI_CHECK(CONDITION, ...) \
   if (!(CONDITION)) fail(__VA_ARGS__)
