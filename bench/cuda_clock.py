@@ -188,7 +188,7 @@ class Machine(NamedTuple):
 def machine() -> Machine:
     device = torch.cuda.get_device_name() if torch.cuda.is_available() else f"dry run: {benchmark.device()}"
     # A copy without .git is told its commit.
-    commit = benchmark.commit() or os.environ.get("BIGTRI_COMMIT", "")
+    commit = os.environ.get("BIGTRI_COMMIT") or benchmark.commit()
     return Machine(device, driver(), torch.__version__, torch.version.cuda or "", commit, benchmark.command())
 
 

@@ -29,8 +29,9 @@ from bigtri.rasterize import Visibility
 
 pytestmark = needs_cuda
 
-CLOCKS = 100_000_000  # some 50 ms: what is enqueued behind so many waits, and who does not wait for it is seen
+CLOCKS = 400_000_000  # some 200 ms, also for a host that is busy with other tests: who does not wait for it is seen
 NAMES = ("mixed", "layers", "screen_size", "many_small", "behind_camera")
+WAITING = ("mixed", "behind_camera")  # for tests that wait so long
 
 
 @pytest.fixture(params=VARIANTS)
@@ -69,7 +70,7 @@ def cpu_pictures(name: str, views: list[np.ndarray]) -> list[Visibility]:
 # --- Streams and devices -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", WAITING)
 def test_the_current_stream_is_used(name, variant, path):
     """Inputs arrive, and results are read, on a stream behind a long wait: on any other, both would be what was there before."""
     positions, triangles, resolution = uploaded(Scene(name))
@@ -105,7 +106,7 @@ def test_two_streams_at_once(variant, path):
     results: list[tuple[int, Visibility]] = []
     for stream in streams:
         with torch.cuda.stream(stream):
-            torch.cuda._sleep(CLOCKS // 10)
+            torch.cuda._sleep(CLOCKS // 40)
     for turn in range(40):
         with torch.cuda.stream(streams[turn % 2]):
             results.append((turn % 2, bigtri.rasterize(*arguments[turn % 2], variant=variant)))
@@ -131,7 +132,7 @@ def test_threads_with_streams_of_their_own(variant):
                 assert_same(wanted[name], seen, name)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", WAITING)
 def test_the_host_never_waits(name, variant, path):
     """torch's own check, and that the call returns while the stream is still busy; batches too."""
     positions, triangles, resolution = uploaded(Scene(name))
