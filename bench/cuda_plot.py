@@ -31,7 +31,7 @@ COLORS = {
     "bin_owned": "#0072B2",
     "two_stage": "#CC79A7",
     "persistent": "#009E73",
-    "bin_owned alone": "#CC79A7",
+    "bin_owned alone": "#8C564B",
     "bin_owned few": "#56B4E9",
     "bin_owned some": "#E69F00",
     "bin_owned many": "#D55E00",
@@ -39,7 +39,7 @@ COLORS = {
     "CuRast": "#E69F00",
     "nvdiffrast": "#D55E00",
 }
-OTHERS = ("#F0E442", "#000000", "#8C564B", "#7F7F7F")  # of variants that have none
+OTHERS = ("#F0E442", "#000000", "#332288", "#7F7F7F")  # of variants that have none
 PEERS = ("CuRast", "nvdiffrast")
 PATHS = ("bin_owned alone", "bin_owned few", "bin_owned some", "bin_owned many")
 FASTER = 1.03  # by how much another way has to be faster to count as a change
