@@ -10,9 +10,10 @@ of 100 px to one over all of it; and four layers over 1920x1080 of 2 to 100,000 
 to 10^9 px: bin_owned's path for many, and the other variants.
 
 A way is a variant, or `bin_owned` kept to one of its paths by `bigtri.native.cuda_tuning`: alone, few, some, many. Time is the
-median of graph replays (cuda_clock.py). A way that takes more than 50 ms is left out of the rest of its curve, and so is one
-that would by its growth. Images are compared with the CPU's up to 2^24 px and 2,000,000 triangles, above that with the first
-way's. python bench/cuda_scaling.py --csv build/gpu/cuda_scaling.csv --total 150
+median of graph replays (cuda_clock.py). A way that takes more than 50 ms is left out of the rest of its curve, and so is one that
+would by its growth. Images are compared with the CPU's up to 2^24 px and 2,000,000 triangles, above that with the first way's.
+
+    python bench/cuda_scaling.py --csv build/gpu/cuda_scaling.csv --total 150
 """
 
 from __future__ import annotations
