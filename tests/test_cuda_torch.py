@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import gc
+import os
 
 import numpy as np
 import pytest
@@ -277,7 +278,9 @@ def test_memory_is_torchs_own_and_returns(name, variant, path):
     for _ in range(50):
         bigtri.rasterize(positions, triangles, resolution, variant=variant)
     torch.cuda.synchronize()
-    assert torch.cuda.memory_allocated() == before and torch.cuda.mem_get_info()[0] >= free
+    assert torch.cuda.memory_allocated() == before
+    # What is free is the whole device's: another process, such as a parallel run of these tests, takes of it too.
+    assert "PYTEST_XDIST_WORKER" in os.environ or torch.cuda.mem_get_info()[0] >= free
 
 
 def test_inputs_freed_right_after_the_call(variant, path):

@@ -5,12 +5,9 @@
 
 namespace bigtri {
 
-// floor(n / d) for 0 <= n < 2^52 and 0 < d < 2^52. A float64 division and a correction, several times faster than an integer division on CPU and GPU: the
-// quotient's rounding can reach the next integer, never pass it.
-BIGTRI_HD int64_t floor_quotient(int64_t n, int64_t d) {
-  const int64_t q = (int64_t)((double)n / (double)d);
-  return q * d > n ? q - 1 : q;
-}
+// floor(n / d) for 0 <= n < 2^52 and 0 < d < 2^52, by a float64 division, several times faster than an integer one on CPU and GPU. Rounding cannot reach an integer m that n / d stays below:
+// it is 1/d away at least, and half a unit of m's last place is m * 2^-53 < 1/d.
+BIGTRI_HD int64_t floor_quotient(int64_t n, int64_t d) { return (int64_t)((double)n / (double)d); }
 
 // The pixels i in [lower, upper) of a row where f + step * i >= 0, cut to the interval given.
 BIGTRI_HD void cut_span(int64_t f, int64_t step, int64_t* lower, int64_t* upper) {

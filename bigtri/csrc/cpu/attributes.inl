@@ -20,34 +20,48 @@ bool load_parent(const AttributeJob& job, int64_t triangle, Parent* parent) {
   return true;
 }
 
-// Eight pixels from (x, y) on, of which n are wanted, all of one record. Where the record does not cover a pixel, the buffer came from another drawing: zeros.
-void interpolate_eight(const AttributeJob& job, const Parent& parent, int record, int64_t triangle, int64_t x, int64_t y, int n, float* out) {
+// A record in one row of the image: edge k is start + step * x at pixel x, integers below 2^53 and so exact, and covers the pixel from `least` on.
+struct RowRecord {
+  int record = -1;
+  double start[3], step[3], least[3];
+  const float* source[3];  // attributes of the corners, where there are any
+};
+
+void begin_record(const AttributeJob& job, const Parent& parent, int record, int64_t triangle, int64_t y, RowRecord* row) {
   const Primitive& p = parent.primitive[record];
+  row->record = record;
+  for (int k = 0; k < 3; ++k) {
+    const Edge edge = edge_of(p.x, p.y, k);
+    row->start[k] = edge_at(p, k, 0, (int32_t)y);
+    row->step[k] = -(double)kSubpixel * edge.dy;
+    row->least[k] = -(double)edge_bias(edge);
+    row->source[k] = job.attributes ? job.attributes + job.channels * job.triangles[3 * triangle + corner_of(parent, record, k)] : nullptr;
+  }
+}
+
+// Eight pixels from x on, of which n are wanted, all of one record. Where the record does not cover a pixel, the buffer came from another drawing: zeros.
+void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowRecord& row, int64_t x, int n, float* out) {
   f64x8 e[3], b[3];
   bool covered[8] = {true, true, true, true, true, true, true, true};
   for (int k = 0; k < 3; ++k) {
-    const Edge edge = edge_of(p.x, p.y, k);
-    e[k] = edge_at(p, k, x, y) + load<f64x8>(kLaneDouble) * (-(double)kSubpixel * edge.dy);  // integers below 2^53: exact
-    const double least = -(double)edge_bias(edge);
-    for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= least;
+    e[k] = row.start[k] + (load<f64x8>(kLaneDouble) + (double)x) * row.step[k];
+    for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= row.least[k];
   }
-  barycentrics(parent, record, e, b);
+  barycentrics(parent, row.record, e, b);
   const f32x8 weight[3] = {to_float(b[0]), to_float(b[1]), to_float(b[2])};
-  const float* source[3] = {};
-  for (int k = 0; k < 3; ++k)
-    if (job.attributes) source[k] = job.attributes + job.channels * job.triangles[3 * triangle + corner_of(parent, record, k)];
   for (int64_t c = 0; c < job.channels; ++c) {
     f32x8 v = weight[0];
     if (job.attributes)
-      v = interpolate(weight, source[0][c], source[1][c], source[2][c]);
+      v = interpolate(weight, row.source[0][c], row.source[1][c], row.source[2][c]);
     else
-      for (int k = 0; k < 3; ++k) v = corner_of(parent, record, k) == c ? weight[k] : v;
+      for (int k = 0; k < 3; ++k) v = corner_of(parent, row.record, k) == c ? weight[k] : v;
     for (int i = 0; i < n; ++i) out[i * job.channels + c] = covered[i] ? v[i] : 0.0f;
   }
 }
 
 // Pixels [x, end) of a row, all of one triangle. A clipped triangle's records take turns along the row.
 void interpolate_run(const AttributeJob& job, const Parent& parent, int64_t triangle, int64_t y, int64_t x, int64_t end, float* out) {
+  RowRecord row;
   while (x < end) {
     int record = 0;
     int64_t n = min_of<int64_t>(8, end - x);
@@ -57,10 +71,12 @@ void interpolate_run(const AttributeJob& job, const Parent& parent, int64_t tria
       while (same < n && covering_record(parent, x + same, y) == record) ++same;
       n = same;
     }
-    if (record < 0 || parent.count == 0)
+    if (record < 0 || parent.count == 0) {
       __builtin_memset(out, 0, (size_t)(n * job.channels) * sizeof(float));
-    else
-      interpolate_eight(job, parent, record, triangle, x, y, (int)n, out);
+    } else {
+      if (record != row.record) begin_record(job, parent, record, triangle, y, &row);
+      interpolate_eight(job, parent, row, x, (int)n, out);
+    }
     x += n;
     out += n * job.channels;
   }
