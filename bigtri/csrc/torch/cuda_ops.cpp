@@ -1,6 +1,7 @@
 // torch.ops.bigtri.rasterize on CUDA. Nothing here waits for the device.
 
 #include "cuda.h"
+#include "rasterize_checks.h"
 
 namespace bigtri {
 namespace {
@@ -21,21 +22,9 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   const int device = positions.get_device_index();
   Frame frame = {};
   frame.view = viewport(op, height, width, cull, scissor);
-  check_cuda(op, "positions", positions, device, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
-  check_cuda(op, "triangles", triangles, device, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
+  check_rasterize(device, positions, triangles, height, width, packed, depth, dropped);
   check_count(op, "triangles", triangles.size(0));
   const int64_t batch = positions.size(0), vertices = positions.size(1);
-  check_cuda(op, "packed", packed, device, ScalarType::Long, {batch, height, width}, "int64 [B, height, width]");
-  if (depth) check_cuda(op, "depth", *depth, device, ScalarType::Float, {batch, height, width}, "float32 [B, height, width]");
-  check_cuda(op, "dropped", dropped, device, ScalarType::Long, {batch}, "int64 [B]");
-  for (const auto& [name, input] : {std::pair<const char*, const Tensor&>{"positions", positions}, {"triangles", triangles}}) {
-    check_apart(op, "packed", packed, name, input);
-    check_apart(op, "dropped", dropped, name, input);
-    if (depth) check_apart(op, "depth", *depth, name, input);
-  }
-  check_apart(op, "dropped", dropped, "packed", packed);
-  if (depth) check_apart(op, "depth", *depth, "packed", packed);
-  if (depth) check_apart(op, "depth", *depth, "dropped", dropped);
   frame.triangles = const_data<int32_t>(triangles);
   frame.vertices = vertices;
   frame.count = (int32_t)triangles.size(0);

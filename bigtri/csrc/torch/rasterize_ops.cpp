@@ -1,6 +1,6 @@
 // torch.ops.bigtri.rasterize on the CPU, the instruction-set switch, and the schemas of all operators.
 
-#include "checks.h"
+#include "rasterize_checks.h"
 
 namespace bigtri {
 namespace {
@@ -19,20 +19,8 @@ void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   const Variant* chosen = kVariants;
   while (chosen->name && variant != chosen->name) ++chosen;
   BIGTRI_CHECK(chosen->name, "bigtri::rasterize: variant must be one of ", variants_op(), ", got '", variant, "'");
-  check(op, "positions", positions, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
-  check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
+  check_rasterize(kCpu, positions, triangles, height, width, packed, depth, dropped);
   const int64_t batch = positions.size(0), vertices = positions.size(1);
-  check(op, "packed", packed, ScalarType::Long, {batch, height, width}, "int64 [B, height, width]");
-  if (depth) check(op, "depth", *depth, ScalarType::Float, {batch, height, width}, "float32 [B, height, width]");
-  check(op, "dropped", dropped, ScalarType::Long, {batch}, "int64 [B]");
-  for (const auto& [name, input] : {std::pair<const char*, const Tensor&>{"positions", positions}, {"triangles", triangles}}) {
-    check_apart(op, "packed", packed, name, input);
-    check_apart(op, "dropped", dropped, name, input);
-    if (depth) check_apart(op, "depth", *depth, name, input);
-  }
-  check_apart(op, "dropped", dropped, "packed", packed);
-  if (depth) check_apart(op, "depth", *depth, "packed", packed);
-  if (depth) check_apart(op, "depth", *depth, "dropped", dropped);
   const Parallel parallel = torch_threads();
   Mesh mesh = checked_mesh(op, parallel, const_data<float>(positions), vertices, triangles);
   const Kernels& kernels = current_kernels();

@@ -1,0 +1,29 @@
+// What rasterize asks of its tensors, the same on every device. device: kCpu, or the CUDA device all have to be on.
+#pragma once
+
+#include <utility>
+
+#include "checks.h"
+
+namespace bigtri {
+
+inline void check_rasterize(int device, const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width, const Tensor& packed,
+                            const std::optional<Tensor>& depth, const Tensor& dropped) {
+  const char* op = "rasterize";
+  check_on(op, "positions", positions, device, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
+  check_on(op, "triangles", triangles, device, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
+  const int64_t batch = positions.size(0);
+  check_on(op, "packed", packed, device, ScalarType::Long, {batch, height, width}, "int64 [B, height, width]");
+  if (depth) check_on(op, "depth", *depth, device, ScalarType::Float, {batch, height, width}, "float32 [B, height, width]");
+  check_on(op, "dropped", dropped, device, ScalarType::Long, {batch}, "int64 [B]");
+  for (const auto& [name, input] : {std::pair<const char*, const Tensor&>{"positions", positions}, {"triangles", triangles}}) {
+    check_apart(op, "packed", packed, name, input);
+    check_apart(op, "dropped", dropped, name, input);
+    if (depth) check_apart(op, "depth", *depth, name, input);
+  }
+  check_apart(op, "dropped", dropped, "packed", packed);
+  if (depth) check_apart(op, "depth", *depth, "packed", packed);
+  if (depth) check_apart(op, "depth", *depth, "dropped", dropped);
+}
+
+}  // namespace bigtri
