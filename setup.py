@@ -8,6 +8,7 @@ machine, or for all of these where there is none.
 
 import os
 import platform
+import subprocess
 from pathlib import Path
 
 import torch
@@ -48,6 +49,13 @@ def with_cuda() -> bool:
     return possible and wanted != "0"
 
 
+def known_architectures() -> str:
+    """What to build for where there is no GPU to ask: those that CI compiles and their kin, if nvcc knows them, and PTX."""
+    listed = subprocess.run([Path(CUDA_HOME) / "bin/nvcc", "--list-gpu-arch"], capture_output=True, text=True, check=True).stdout
+    known = [a for a in ("7.5", "8.0", "8.6", "8.9", "9.0", "10.0", "12.0") if f"compute_{a.replace('.', '')}" in listed.split()]
+    return ";".join(known) + "+PTX"
+
+
 def sources(cuda: bool) -> list[str]:
     files = [*CSRC.glob("cpu/*.cpp"), *CSRC.glob("torch/*.cpp")]
     if platform.machine() not in ("x86_64", "AMD64"):
@@ -62,7 +70,7 @@ def sources(cuda: bool) -> list[str]:
 def extension() -> CppExtension:
     cuda = with_cuda()
     if cuda and not torch.cuda.is_available():
-        os.environ.setdefault("TORCH_CUDA_ARCH_LIST", "7.5;8.0;8.6;8.9;9.0;10.0;12.0+PTX")
+        os.environ.setdefault("TORCH_CUDA_ARCH_LIST", known_architectures())
     flags = [*FLAGS, f"-DTORCH_TARGET_VERSION={TARGET_TORCH}"]
     if cuda:
         flags += ["-DUSE_CUDA"]  # torch's stable header then declares its CUDA functions
