@@ -190,13 +190,6 @@ Queues take_queues(Scratch* scratch, const Frame& f, const Tuning& t) {
 
 constexpr int kManyThreads = 256;
 
-union ManyShared {
-  SmallShared small;
-  ClipScratch clip;
-  Record record;
-  __device__ ManyShared() {}
-};
-
 // Queues what waits for a block, and draws the rest at once, a primitive at a time; all lanes. Rarely called, so that its registers cost the small ones nothing.
 __device__ __noinline__ void queue_or_draw(const Frame& f, const Queues& q, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
   Record record;
@@ -225,26 +218,11 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Queues& q, int6
 // Each warp takes `share` triangles, so that there are warps enough also where triangles are not.
 __global__ void __launch_bounds__(kManyThreads, 4)
     draw_many(const __grid_constant__ Frame f, const __grid_constant__ Queues q, const __grid_constant__ Tuning t, int share) {
-  __shared__ ManyShared shared[kManyThreads / kWarp];
-  ManyShared* s = &shared[threadIdx.x / kWarp];
+  __shared__ WarpShared shared[kManyThreads / kWarp];
   let_next_begin();
   wait_for_previous();
-  const int64_t first = ((int64_t)blockIdx.x * (kManyThreads / kWarp) + threadIdx.x / kWarp) * share;
-  const bool mine = lane_id() < share && first + lane_id() < f.count;
-  Primitive p;
-  const Fate fate = mine ? set_up(f, (int32_t)(first + lane_id()), q.projected, &p) : Fate::kNothing;
-  const bool whole = fate == Fate::kWhole, small = whole && is_small(p);
-  draw_small(f, p, (uint32_t)(first + lane_id()), small, &s->small);
-  if (__any_sync(kAllLanes, whole && !small)) queue_or_draw(f, q, t.threshold, p, first + lane_id(), whole && !small, &s->record);
-  for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
-    const int64_t triangle = first + __ffs(todo) - 1;
-    Primitive part;
-    const bool have = clip_part(f, (int32_t)triangle, &s->clip, &part);
-    __syncwarp();
-    queue_or_draw(f, q, t.threshold, part, triangle, have, &s->record);
-  }
-  const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
-  if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
+  set_up_share(f, q.projected, share, shared,
+               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { queue_or_draw(f, q, t.threshold, p, triangle, have, record); });
 }
 
 // What waits, onto what has been drawn.

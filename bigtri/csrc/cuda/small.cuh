@@ -112,5 +112,38 @@ __device__ __forceinline__ void draw_small(const Frame& f, const Primitive& p, u
   }
 }
 
+// --- A warp's share of the triangles
+
+union WarpShared {
+  SmallShared small;
+  ClipScratch clip;
+  Record record;
+  __device__ WarpShared() {}
+};
+
+// Sets up `share` triangles per warp and draws the small ones. The others, and the parts of those that had to be clipped, go to other(primitive, triangle, whether this lane has one, shared memory for
+// a record), which all lanes call.
+template <class Other>
+__device__ __forceinline__ void set_up_share(const Frame& f, const Vertex* projected, int share, WarpShared* block_shared, const Other& other) {
+  const int warp = threadIdx.x / kWarp, warps = blockDim.x / kWarp;
+  WarpShared* s = block_shared + warp;
+  const int64_t first = ((int64_t)blockIdx.x * warps + warp) * share;
+  const bool mine = lane_id() < share && first + lane_id() < f.count;
+  Primitive p;
+  const Fate fate = mine ? set_up(f, (int32_t)(first + lane_id()), projected, &p) : Fate::kNothing;
+  const bool whole = fate == Fate::kWhole, small = whole && is_small(p);
+  draw_small(f, p, (uint32_t)(first + lane_id()), small, &s->small);
+  if (__any_sync(kAllLanes, whole && !small)) other(p, first + lane_id(), whole && !small, &s->record);
+  for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
+    const int64_t triangle = first + __ffs(todo) - 1;
+    Primitive part;
+    const bool have = clip_part(f, (int32_t)triangle, &s->clip, &part);
+    __syncwarp();
+    other(part, triangle, have, &s->record);
+  }
+  const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
+  if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
+}
+
 }  // namespace
 }  // namespace bigtri
