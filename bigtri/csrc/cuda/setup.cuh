@@ -22,7 +22,6 @@ __device__ __forceinline__ unsigned warp_min(unsigned v) {
   return v;
 #endif
 }
-__device__ __forceinline__ unsigned warp_max(unsigned v) { return ~warp_min(~v); }
 
 __device__ __forceinline__ void load_vertex(const Frame& f, int64_t i, float v[4]) {
   if (((uintptr_t)f.positions & 15) == 0) {
