@@ -98,17 +98,15 @@ def batch_limits(records: int, candidates: int) -> Iterator[None]:
 class CudaTuning(NamedTuple):
     """How the CUDA kernels are launched. No setting changes a bit of the picture; docs/cuda.md has the measurements behind them.
 
-    alone: up to so many triangles every warp looks at all of them by itself.
-    few: up to so many, every block looks at all of them.
-    some: the same, but for slivers; above, small triangles are drawn at once and only large ones wait.
+    few: up to so many triangles, and 16 for each warp of a block, every block sets up all of them by itself.
+    some: up to so many, every block looks at all of them; above, small triangles are drawn at once and only large ones wait.
     warps: of a block that owns pixels, 4, 8 or 16.
     blocks: of kernels whose blocks take work in turns; 0 for as many as the device holds.
-    entries: records that a block draws together, 1 to 256.
+    entries: records that a block draws together, 1 to 384, at most 24 for each of its warps.
     queue: records that may wait; what finds no room is drawn on the spot.
     threshold: px of bbox above which a record waits for a block that owns the bin.
     """
 
-    alone: int
     few: int
     some: int
     warps: int

@@ -243,7 +243,8 @@ SETTINGS: dict[str, tuple[int | None, ...]] = {
     "some": (None, 0, 65536),
     "warps": (None, 4, 8, 16),
     "blocks": (0, 1, 3, 1000),
-    "entries": (None, 1, 2, 256),
+    "entries": (None, 1, 2, 512),
+    "fill": (0, 1, None, 1000),
     "queue": (None, 1, 2),
     "threshold": (0, 64, 4000, 10**9),
 }
@@ -286,7 +287,9 @@ def test_settings_are_restored():
     for wrong in (
         {"warps": 5},
         {"entries": 0},
-        {"entries": 257},
+        {"entries": 513},
+        {"fill": -1},
+        {"fill": 65537},
         {"queue": 0},
         {"blocks": -1},
         {"few": -1},

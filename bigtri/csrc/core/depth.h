@@ -6,9 +6,9 @@
 namespace bigtri {
 
 // D is double, or a vector of doubles: the CPU's inner loops and the per-pixel stages share the formula.
-template <class D, class G, class Z>
-BIGTRI_HD D weighted_depth(G g0, G g1, G g2, Z z0, Z z1, Z z2, Z area) {
-  return ((g0 * z0 + g1 * z1) + g2 * z2) / area;
+template <class D, class G, class Z, class Area>
+BIGTRI_HD D weighted_depth(G g0, G g1, G g2, Z z0, Z z1, Z z2, const Area& area) {
+  return quotient((g0 * z0 + g1 * z1) + g2 * z2, area);
 }
 
 // The plane at pixel (i, j) of the cell is plane_row + plane_column; bins keep both in tables.
@@ -57,22 +57,22 @@ struct DepthGradient {
   double dzdx, dzdy;
 };
 
-BIGTRI_HD DepthGradient depth_gradient(const int32_t x[3], const int32_t y[3], const float z[3], int64_t area) {
+BIGTRI_HD DepthGradient depth_gradient(const int32_t x[3], const int32_t y[3], const float z[3], const Divisor& area) {
   double gx[3], gy[3];
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(x, y, k);
     gx[k] = -(double)kSubpixel * e.dy;
     gy[k] = (double)kSubpixel * e.dx;
   }
-  const double z0 = z[0], z1 = z[1], z2 = z[2], a = (double)area;
-  return {weighted_depth<double>(gx[0], gx[1], gx[2], z0, z1, z2, a), weighted_depth<double>(gy[0], gy[1], gy[2], z0, z1, z2, a)};
+  const double z0 = z[0], z1 = z[1], z2 = z[2];
+  return {weighted_depth<double>(gx[0], gx[1], gx[2], z0, z1, z2, area), weighted_depth<double>(gy[0], gy[1], gy[2], z0, z1, z2, area)};
 }
 
 // Through the unbiased edge values at the centre of pixel (x, y): the plane's anchor for a cell, or the depth itself of a thin triangle.
-BIGTRI_HD double depth_at(const int32_t px[3], const int32_t py[3], const float z[3], int64_t area, int32_t x, int32_t y) {
+BIGTRI_HD double depth_at(const int32_t px[3], const int32_t py[3], const float z[3], const Divisor& area, int32_t x, int32_t y) {
   double g[3];
   for (int k = 0; k < 3; ++k) g[k] = (double)edge_value(edge_of(px, py, k), pixel_centre(x), pixel_centre(y));
-  return weighted_depth<double, double, double>(g[0], g[1], g[2], z[0], z[1], z[2], (double)area);
+  return weighted_depth<double, double, double>(g[0], g[1], g[2], z[0], z[1], z[2], area);
 }
 
 // Nearer first, then the lower triangle index; z > 1 leaves the background.

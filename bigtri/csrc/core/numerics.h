@@ -8,7 +8,8 @@ namespace bigtri {
 constexpr int kSubpixelBits = 8;
 constexpr int kSubpixel = 1 << kSubpixelBits;  // 1 px in subpx
 constexpr int kGuard = 1 << 23;                // X and Y lie in [-kGuard, kGuard - 1] subpx
-constexpr int kBin = 64;                       // px; int32 edge values are exact in a bin of 64, not of 128
+constexpr int kBinBits = 6;
+constexpr int kBin = 1 << kBinBits;            // px; int32 edge values are exact in a bin of 64, not of 128
 constexpr int kTile = 8;                       // px
 constexpr int kMaxSize = 16384;                // px
 constexpr int64_t kLargeThreshold = 4000;      // px of bbox; not above: the direct path
@@ -50,5 +51,37 @@ BIGTRI_HD int64_t edge_steps(const Edge& e, int32_t x, int32_t y) { return (edge
 
 // Twice the signed area, subpx^2; > 0 is clockwise on the screen (y down).
 BIGTRI_HD int64_t twice_area(const int32_t x[3], const int32_t y[3]) { return (int64_t)(x[1] - x[0]) * (y[2] - y[0]) - (int64_t)(y[1] - y[0]) * (x[2] - x[0]); }
+
+// What several numbers are divided by. A GPU divides in some thirty instructions, but in five by a number whose correctly rounded inverse is there: a quotient corrected twice by its exact remainder is
+// correctly rounded too (Markstein 1990, "Computation of elementary functions on the IBM RISC System/6000 processor", theorem 8.1 and what follows from it), where
+// nothing overflows or underflows, as floats and edge values cannot. A zero may have the other sign: no use of them here minds.
+struct Divisor {
+  double value;
+#if defined(__CUDA_ARCH__)
+  double inverse;
+#endif
+};
+
+BIGTRI_HD Divisor divisor(double v) {
+#if defined(__CUDA_ARCH__)
+  return {v, __drcp_rn(v)};
+#else
+  return {v};
+#endif
+}
+
+template <class D>
+BIGTRI_HD D quotient(D v, double by) {
+  return v / by;
+}
+BIGTRI_HD double quotient(double v, const Divisor& by) {
+#if defined(__CUDA_ARCH__)
+  double q = v * by.inverse;
+  q = __fma_rn(__fma_rn(-by.value, q, v), by.inverse, q);
+  return __fma_rn(__fma_rn(-by.value, q, v), by.inverse, q);
+#else
+  return v / by.value;
+#endif
+}
 
 }  // namespace bigtri

@@ -37,7 +37,7 @@ BIGTRI_HD void fill_record(const Primitive& p, int64_t triangle, Record* r, int6
   }
   r->triangle = (uint32_t)triangle;
   r->area = p.area;
-  const DepthGradient g = depth_gradient(p.x, p.y, p.z, p.area);
+  const DepthGradient g = depth_gradient(p.x, p.y, p.z, divisor((double)p.area));
   r->dzdx = g.dzdx;
   r->dzdy = g.dzdy;
   r->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);

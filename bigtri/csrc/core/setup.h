@@ -39,14 +39,16 @@ BIGTRI_HD int32_t clamp_round(double v, double low, double high) {
   return (int32_t)round_half_even(v);
 }
 
-BIGTRI_HD int32_t snap_x(double x, double w, int width) {
+template <class W>  // double or Divisor
+BIGTRI_HD int32_t snap_x(double x, const W& w, int width) {
   const double half = 128.0 * width;
-  return 128 * width + clamp_round(x / w * half, -(double)kGuard - half, (double)(kGuard - 1) - half);
+  return 128 * width + clamp_round(quotient(x, w) * half, -(double)kGuard - half, (double)(kGuard - 1) - half);
 }
 
-BIGTRI_HD int32_t snap_y(double y, double w, int height) {
+template <class W>
+BIGTRI_HD int32_t snap_y(double y, const W& w, int height) {
   const double half = 128.0 * height;
-  return 128 * height - clamp_round(y / w * half, half - (double)kGuard + 1.0, half + (double)kGuard);
+  return 128 * height - clamp_round(quotient(y, w) * half, half - (double)kGuard + 1.0, half + (double)kGuard);
 }
 
 template <class T>
@@ -73,7 +75,8 @@ BIGTRI_HD uint32_t vertex_flags(const float v[4], int width, int height) {
 }
 
 BIGTRI_HD Vertex project_vertex(const float v[4], int width, int height) {
-  return {snap_x(v[0], v[3], width), snap_y(v[1], v[3], height), window_depth<float>(v[2], v[3]), vertex_flags(v, width, height)};
+  const Divisor w = divisor(v[3]);
+  return {snap_x(v[0], w, width), snap_y(v[1], w, height), window_depth<float>(v[2], v[3]), vertex_flags(v, width, height)};
 }
 
 // Element i of three. Not an array: a GPU keeps those that are indexed with what it cannot know in slow memory.

@@ -26,7 +26,7 @@ BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* 
   if (!d->thin) {
     d->dzdx = r.dzdx;
     d->dzdy = r.dzdy;
-    d->zcell = depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin);
+    d->zcell = depth_at(r.x, r.y, r.z, divisor((double)r.area), bin_x * kBin, bin_y * kBin);
     return;
   }
   d->area = (double)r.area;

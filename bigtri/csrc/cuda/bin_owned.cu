@@ -1,18 +1,121 @@
 // The variant that "auto" means: blocks own pixels and write each once. How triangles get to the pixels depends on how many there are, which the host knows without asking the device:
-//   alone  set-up to records; then every warp looks at all of them for each of its regions;
-//   few    set-up; then every block looks at all of them for each of its patches;
-//   some   the same, but for slivers, which are drawn last;
-//   many   clear, set-up that draws small triangles at once and queues large ones and slivers, then these.
+//   few   every block sets up all of them by itself, looks at all of them for each of its patches, and draws these;
+//   some  set-up to records; then every block looks at all of them for each of its patches, but for slivers, which are drawn last;
+//   many  clear, set-up that draws small triangles at once and queues large ones and slivers, then these.
 
 #include "direct.cuh"
 #include "launch.cuh"
 #include "patch.cuh"
+#include "sliver.cuh"
 #include "small.cuh"
 
 namespace bigtri {
 namespace {
 
-// --- up to some
+// --- few
+
+// Shared memory of a block that sets up all triangles itself.
+template <int kWarps>
+struct FewShared {
+  static constexpr int kMost = 16 * kWarps, kRecords = 20 * kWarps;  // triangles; records at a time, the parts of clipped triangles among them
+  union {
+    PatchShared<kWarps> patch;  // has to come first
+    Vertex corners[3 * kMost];
+    ClipScratch clip[kWarps / 2];
+  };
+  Record records[kRecords];
+  uint32_t boxes[kRecords];
+  uint16_t waiting[2][kMost];  // triangles to clip: those of this round, and those whose parts find no room in it
+  int waiting_count[2];
+  int record_count;  // asked for
+  int record_end;    // given
+  __device__ FewShared() {}
+};
+static_assert(FewShared<4>::kRecords >= kMaxSubTriangles, "a round clips one triangle at least");
+
+// Sets up the triangles; returns how many were dropped. By all threads.
+template <int kWarps>
+__device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) {
+  const int t = threadIdx.x;
+  if (t < 2) s->waiting_count[t] = 0;
+  project_corners(f, 0, f.count, s->corners, t, kWarps * kWarp);
+  __syncthreads();
+  Fate fate = Fate::kNothing;
+  if (t < f.count) {
+    Primitive p;
+    fate = assemble(f, s->corners + 3 * t, &p);
+    uint32_t box = kNoBox;
+    if (fate == Fate::kWhole) {
+      fill_record(p, t, &s->records[t]);
+      box = box_of(s->records[t]);
+    }
+    s->boxes[t] = box;
+    if (fate == Fate::kClip) s->waiting[0][atomicAdd(&s->waiting_count[0], 1)] = (uint16_t)t;
+  }
+  return __syncthreads_count(fate == Fate::kDropped);
+}
+
+// Clips what waits in round `round`, a triangle a warp, and puts the parts behind `first` records. Those that find no room wait for the next round. Returns the number of records. By all threads.
+template <int kWarps>
+__device__ __noinline__ int clip_few(const Frame& f, FewShared<kWarps>* s, int first, int round) {
+  const int warp = threadIdx.x / kWarp, now = round & 1, later = now ^ 1, count = s->waiting_count[now];
+  __syncthreads();
+  if (threadIdx.x == 0) {
+    s->record_count = first;
+    s->record_end = FewShared<kWarps>::kRecords;
+    s->waiting_count[later] = 0;
+  }
+  __syncthreads();
+  if (warp < kWarps / 2)
+    for (int i = warp; i < count; i += kWarps / 2) {
+      const int triangle = s->waiting[now][i];
+      Primitive part;
+      const bool have = clip_part(f, triangle, &s->clip[warp], &part);
+      const unsigned all = __ballot_sync(kAllLanes, have);
+      int at = 0;
+      if (lane_id() == 0) at = atomicAdd(&s->record_count, __popc(all));
+      at = __shfl_sync(kAllLanes, at, 0);
+      if (at + __popc(all) > FewShared<kWarps>::kRecords) {  // all parts or none
+        if (lane_id() == 0) {
+          atomicMin(&s->record_end, at);
+          s->waiting[later][atomicAdd(&s->waiting_count[later], 1)] = (uint16_t)triangle;
+        }
+      } else if (have) {
+        at += __popc(all & lanes_below());
+        fill_record(part, triangle, &s->records[at]);
+        s->boxes[at] = box_of(s->records[at]);
+      }
+      __syncwarp();
+    }
+  __syncthreads();
+  return min_of(s->record_count, s->record_end);
+}
+
+template <int kWarps>
+__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __grid_constant__ Frame f, int room) {
+  extern __shared__ __align__(16) char memory[];
+  FewShared<kWarps>* const s = reinterpret_cast<FewShared<kWarps>*>(memory);
+  const int dropped = set_up_few(f, s);
+  if (blockIdx.x == 0 && threadIdx.x == 0) *f.dropped = dropped;
+  int count = f.count;
+#pragma unroll 1
+  for (int round = 0;; ++round) {
+    if (s->waiting_count[round & 1] > 0) count = clip_few(f, s, count, round);
+    draw_patches<kWarps, Output::kWrite>(f, Candidates{s->records, s->boxes, count}, room, round > 0);
+    if (s->waiting_count[(round & 1) ^ 1] == 0) return;
+    count = 0;
+  }
+}
+
+template <int kWarps>
+cudaError_t launch_few(const Frame& f, const Tuning& t, cudaStream_t stream) {
+  int blocks;
+  BIGTRI_CUDA(blocks_for(draw_few<kWarps>, kWarps * kWarp, sizeof(FewShared<kWarps>), Patch<kWarps>::count(f.view), t, &blocks));
+  draw_few<kWarps><<<blocks, kWarps * kWarp, sizeof(FewShared<kWarps>), stream>>>(f, (int)t.entries);
+  return cudaGetLastError();
+}
+
+// --- some
 
 constexpr int kSetupTriangles = 64, kSetupThreads = 3 * kSetupTriangles;  // a thread a corner, then a thread a triangle
 constexpr int kParts = kSetupTriangles * kMaxSubTriangles;  // that the clipped triangles of a block can become
@@ -34,10 +137,7 @@ struct RecordCandidates {
   const Records& all;
   int count;
 
-  __device__ explicit RecordCandidates(const Records& r) : records(r.records), boxes(r.boxes), all(r), count(r.triangles) {
-#pragma unroll 1
-    for (int b = 0; b < r.blocks; ++b) count += r.part_count[b];
-  }
+  __device__ explicit RecordCandidates(const Records& r) : records(r.records), boxes(r.boxes), all(r), count(r.triangles + warp_sum(r.part_count, r.blocks)) {}
   __device__ __forceinline__ int slot(int i) const {
     if (i < all.triangles) return i;
     i -= all.triangles;
@@ -60,12 +160,12 @@ Records take_records(Scratch* scratch, const Frame& f) {
   return r;
 }
 
-__device__ __forceinline__ void put_record(const Primitive& p, int64_t triangle, bool slivers, Record* record, uint32_t* box) {
+__device__ __forceinline__ void put_record(const Primitive& p, int64_t triangle, Record* record, uint32_t* box) {
   fill_record(p, triangle, record);
-  *box = slivers && is_sliver(p) ? kSliverBox : box_of(*record);
+  *box = is_sliver(p) ? kSliverBox : box_of(*record);
 }
 
-__global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_constant__ Frame f, const __grid_constant__ Records r, bool slivers) {
+__global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
   __shared__ ClipScratch clip[kSetupTriangles / kWarp];
   __shared__ Vertex corners[kSetupThreads];
   __shared__ int parts;
@@ -80,7 +180,7 @@ __global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_con
     Primitive p;
     fate = assemble(f, corners + 3 * threadIdx.x, &p);
     if (fate == Fate::kWhole)
-      put_record(p, t, slivers, r.records + t, r.boxes + t);
+      put_record(p, t, r.records + t, r.boxes + t);
     else
       r.boxes[t] = kNoBox;
   }
@@ -89,7 +189,7 @@ __global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_con
     Primitive part;
     if (clip_part(f, triangle, &clip[threadIdx.x / kWarp], &part)) {
       const int64_t slot = (int64_t)r.first_part((int)blockIdx.x) + atomicAdd(&parts, 1);
-      put_record(part, triangle, slivers, r.records + slot, r.boxes + slot);
+      put_record(part, triangle, r.records + slot, r.boxes + slot);
     }
   }
   const int dropped = __syncthreads_count(fate == Fate::kDropped);
@@ -99,68 +199,46 @@ __global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_con
   }
 }
 
-// The drawing kernel's last word: what the blocks of the set-up have dropped.
+// What the blocks of the set-up have dropped; by the drawing kernel.
 __device__ __forceinline__ void sum_dropped(const Frame& f, const Records& r) {
-  if (blockIdx.x > 0 || threadIdx.x > 0) return;
-  int64_t dropped = 0;
-#pragma unroll 1
-  for (int i = 0; i < r.blocks; ++i) dropped += r.dropped[i];
-  *f.dropped = dropped;
-}
-
-constexpr int kAloneThreads = 256, kAloneWarps = kAloneThreads / kWarp;
-
-__global__ void __launch_bounds__(kAloneThreads, 4) draw_alone(const __grid_constant__ Frame f, const __grid_constant__ Records r, int room) {
-  __shared__ Entry entries[kAloneWarps][kWarp];
-  wait_for_previous();
-  let_next_begin();
-  const int warp = threadIdx.x / kWarp, regions = ((f.view.width + kRegion - 1) / kRegion) * ((f.view.height + kRegion - 1) / kRegion);
-  const RecordCandidates candidates(r);
-  for (int i = blockIdx.x * kAloneWarps + warp; i < regions; i += gridDim.x * kAloneWarps) draw_region(f, candidates, i, room, entries[warp]);
-  sum_dropped(f, r);
+  if (blockIdx.x > 0 || threadIdx.x >= kWarp) return;
+  const int dropped = warp_sum(r.dropped, r.blocks);
+  if (threadIdx.x == 0) *f.dropped = dropped;
 }
 
 template <int kWarps>
 __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_together(const __grid_constant__ Frame f, const __grid_constant__ Records r, int room) {
   wait_for_previous();
   let_next_begin();
-  const int patches = Patch<kWarps>::count(f.view);
-  const RecordCandidates candidates(r);
-  for (int i = blockIdx.x; i < patches; i += gridDim.x) draw_patch<kWarps, Output::kWrite>(f, candidates, Patch<kWarps>::at(f.view, i), room);
+  draw_patches<kWarps, Output::kWrite>(f, RecordCandidates(r), room, false);
   sum_dropped(f, r);
 }
 
 constexpr int kSliverThreads = 128;
 
-__global__ void __launch_bounds__(kSliverThreads) draw_slivers(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
+__global__ void __launch_bounds__(kSliverThreads, 8) draw_slivers(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
+  __shared__ SliverShared shared;
   let_next_begin();
   wait_for_previous();
   const RecordCandidates candidates(r);
-  for (int i = blockIdx.x; i < candidates.count; i += gridDim.x) {
+  draw_all_slivers(f, candidates.count, &shared, [&](int i) {
     const int slot = candidates.slot(i);
-    if (r.boxes[slot] == kSliverBox) draw_sliver(f.packed, f.view.width, r.records + slot, threadIdx.x, kSliverThreads);
-  }
+    return r.boxes[slot] == kSliverBox ? r.records + slot : nullptr;
+  });
 }
 
 template <int kWarps>
-cudaError_t launch_records(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
+cudaError_t launch_some(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   const Records r = take_records(&scratch, f);
-  const bool alone = f.count <= t.alone, slivers = !alone && f.count > t.few;
-  set_up_records<<<r.blocks, kSetupThreads, 0, stream>>>(f, r, slivers);
+  set_up_records<<<r.blocks, kSetupThreads, 0, stream>>>(f, r);
   BIGTRI_CUDA(cudaGetLastError());
   Frame undrawn = f;
-  if (slivers) undrawn.depth = nullptr;  // they are still to come
+  undrawn.depth = nullptr;  // slivers are still to come
   int blocks;
-  if (alone) {
-    const int64_t regions = (int64_t)((f.view.width + kRegion - 1) / kRegion) * ((f.view.height + kRegion - 1) / kRegion);
-    BIGTRI_CUDA(blocks_for(draw_alone, kAloneThreads, 0, (regions + kAloneWarps - 1) / kAloneWarps, t, &blocks));
-    return launch_next(draw_alone, blocks, kAloneThreads, 0, stream, undrawn, r, (int)min_of<int64_t>(t.entries, kWarp));
-  }
-  BIGTRI_CUDA(blocks_for(draw_together<kWarps>, kWarps * kWarp, sizeof(PatchShared), Patch<kWarps>::count(f.view), t, &blocks));
-  BIGTRI_CUDA(launch_next(draw_together<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared), stream, undrawn, r, (int)t.entries));
-  if (!slivers) return cudaSuccess;
-  BIGTRI_CUDA(blocks_for(draw_slivers, kSliverThreads, 0, f.count, t, &blocks));
+  BIGTRI_CUDA(blocks_for(draw_together<kWarps>, kWarps * kWarp, sizeof(PatchShared<kWarps>), Patch<kWarps>::count(f.view), t, &blocks));
+  BIGTRI_CUDA(launch_next(draw_together<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, undrawn, r, (int)t.entries));
+  BIGTRI_CUDA(blocks_for(draw_slivers, kSliverThreads, 0, (int64_t)f.count * sliver_chunks(f.view), t, &blocks));
   BIGTRI_CUDA(launch_next(draw_slivers, blocks, kSliverThreads, 0, stream, f, r));
   return launch_depth(f, t, stream);
 }
@@ -188,8 +266,6 @@ Queues take_queues(Scratch* scratch, const Frame& f, const Tuning& t) {
   return q;
 }
 
-constexpr int kManyThreads = 256;
-
 // Queues what waits for a block, and draws the rest at once, a primitive at a time; all lanes. Rarely called, so that its registers cost the small ones nothing.
 __device__ __noinline__ void queue_or_draw(const Frame& f, const Queues& q, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
   Record record;
@@ -216,9 +292,9 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Queues& q, int6
 }
 
 // Each warp takes `share` triangles, so that there are warps enough also where triangles are not.
-__global__ void __launch_bounds__(kManyThreads, 4)
+__global__ void __launch_bounds__(kShareThreads, kShareBlocks)
     draw_many(const __grid_constant__ Frame f, const __grid_constant__ Queues q, const __grid_constant__ Tuning t, int share) {
-  __shared__ WarpShared shared[kManyThreads / kWarp];
+  __shared__ WarpShared shared[kShareThreads / kWarp];
   let_next_begin();
   wait_for_previous();
   set_up_share(f, q.projected, share, shared,
@@ -228,13 +304,12 @@ __global__ void __launch_bounds__(kManyThreads, 4)
 // What waits, onto what has been drawn.
 template <int kWarps>
 __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_queued(const __grid_constant__ Frame f, const __grid_constant__ Queues q, int room) {
+  __shared__ SliverShared shared;
   let_next_begin();
   wait_for_previous();
   const int large = (int)min_of(q.counters[kLargeCount], q.room), slivers = (int)min_of(q.counters[kSliverCount], q.room);
-  if (large > 0)
-    for (int i = blockIdx.x, n = Patch<kWarps>::count(f.view); i < n; i += gridDim.x)
-      draw_patch<kWarps, Output::kMerge>(f, Candidates{q.large, q.boxes, large}, Patch<kWarps>::at(f.view, i), room);
-  for (int i = blockIdx.x; i < slivers; i += gridDim.x) draw_sliver(f.packed, f.view.width, q.slivers + i, threadIdx.x, kWarps * kWarp);
+  if (large > 0) draw_patches<kWarps, Output::kMerge>(f, Candidates{q.large, q.boxes, large}, room, true);
+  draw_all_slivers(f, slivers, &shared, [&](int i) { return q.slivers + i; });
 }
 
 template <int kWarps>
@@ -244,28 +319,40 @@ cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStrea
   BIGTRI_CUDA(launch_clear(f, q.projected, q.counters, kCounters, stream));
   int share;
   int64_t set_up_blocks;
-  BIGTRI_CUDA(share_triangles(draw_many, kManyThreads, f.count, &share, &set_up_blocks));
-  BIGTRI_CUDA(launch_next(draw_many, set_up_blocks, kManyThreads, 0, stream, f, q, t, share));
+  BIGTRI_CUDA(share_triangles(draw_many, kShareThreads, f.count, &share, &set_up_blocks));
+  BIGTRI_CUDA(launch_next(draw_many, set_up_blocks, kShareThreads, 0, stream, f, q, t, share));
   int blocks;
-  BIGTRI_CUDA(blocks_for(draw_queued<kWarps>, kWarps * kWarp, sizeof(PatchShared), Patch<kWarps>::count(f.view), t, &blocks));
-  return launch_next(draw_queued<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared), stream, f, q, (int)t.entries);
+  BIGTRI_CUDA(blocks_for(draw_queued<kWarps>, kWarps * kWarp, sizeof(PatchShared<kWarps>), Patch<kWarps>::count(f.view), t, &blocks));
+  BIGTRI_CUDA(launch_next(draw_queued<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, f, q, (int)t.entries));
+  return launch_depth(f, t, stream);
+}
+
+enum class Path { kFew, kSome, kMany };
+
+Path path_of(const Frame& f, const Tuning& t) {
+  if (f.count <= min_of(t.few, 16 * t.warps)) return Path::kFew;
+  return f.count <= t.some ? Path::kSome : Path::kMany;
 }
 
 template <int kWarps>
 cudaError_t launch(const Frame& f, const Tuning& t, void* scratch, cudaStream_t stream) {
-  if (f.count <= max_of(max_of(t.alone, t.few), t.some)) return launch_records<kWarps>(f, t, scratch, stream);
-  BIGTRI_CUDA(launch_many<kWarps>(f, t, scratch, stream));
-  return launch_depth(f, t, stream);
+  static_assert(FewShared<kWarps>::kMost == 16 * kWarps, "as path_of has it");
+  switch (path_of(f, t)) {
+    case Path::kFew: return launch_few<kWarps>(f, t, stream);
+    case Path::kSome: return launch_some<kWarps>(f, t, scratch, stream);
+    default: return launch_many<kWarps>(f, t, scratch, stream);
+  }
 }
 
 }  // namespace
 
 int64_t bin_owned_scratch(const Frame& f, const Tuning& t) {
   Scratch scratch = {nullptr};
-  if (f.count > max_of(max_of(t.alone, t.few), t.some))
-    take_queues(&scratch, f, t);
-  else
-    take_records(&scratch, f);
+  switch (path_of(f, t)) {
+    case Path::kFew: break;
+    case Path::kSome: take_records(&scratch, f); break;
+    default: take_queues(&scratch, f, t);
+  }
   return scratch.used;
 }
 

@@ -67,79 +67,19 @@ __device__ __noinline__ void warp_draw(const Frame& f, const Record& r) {
     for (int x = r.x0 / kBin; x <= (r.x1 - 1) / kBin; ++x) warp_draw_bin(f, r, x, y);
 }
 
-// --- Slivers: a lane a line of pixels along the longer side, which meets few of them.
-
-constexpr int kSliverLines = 64;  // px; shorter ones are not worth a block
-constexpr int kSliverWidth = 4;  // px, on average, at most
-
-__device__ __forceinline__ bool is_sliver(const Primitive& p) {
-  return max_of(p.x1 - p.x0, p.y1 - p.y0) >= kSliverLines && p.area <= (int64_t)(2 * kSliverWidth * kSubpixel) * extent_of(p);
-}
-
-// By `count` threads, of whom this is number `thread`; packed: the frame, of rows of `width`. A call, so that its registers cost its callers nothing.
-__device__ __noinline__ void draw_sliver(int64_t* packed, int width, const Record* record, int thread, int count) {
-  const Record r = *record;
-  const bool wide = r.x1 - r.x0 >= r.y1 - r.y0;  // a line is a column of the image, else a row
-  const int lines = wide ? r.x1 - r.x0 : r.y1 - r.y0, length = wide ? r.y1 - r.y0 : r.x1 - r.x0;
-  int64_t first[3];             // f at the corner of the bbox
-  int32_t step[3], to_next[3];  // of f along a line and to the next one
-  float per_step[3];
-  for (int k = 0; k < 3; ++k) {
-    const Edge e = edge_of(r.x, r.y, k);
-    first[k] = edge_steps(e, r.x0, r.y0);
-    step[k] = wide ? e.dx : -e.dy;
-    to_next[k] = wide ? -e.dy : e.dx;
-    per_step[k] = -1.0f / (float)step[k];
-  }
-  for (int n = thread; n < lines; n += count) {
-    // Where the line enters and leaves: float32 quotients below 2^14 are off by less than the slack. Which pixels are covered, the edges say.
-    constexpr float kSlack = 1.0f / 256.0f;
-    int64_t at[3];
-    int lower = 0, upper = length;
-    for (int k = 0; k < 3; ++k) {
-      at[k] = first[k] + (int64_t)to_next[k] * n;
-      const float crossing = min_of(max_of((float)at[k] * per_step[k], -1.0f), (float)length);
-      if (step[k] > 0) lower = max_of(lower, __float2int_ru(crossing - kSlack));
-      if (step[k] < 0) upper = min_of(upper, __float2int_rd(crossing + kSlack) + 1);
-      if (step[k] == 0 && at[k] < 0) upper = 0;
-    }
-    for (int k = 0; k < 3; ++k) at[k] += (int64_t)step[k] * lower;
-    const int px0 = wide ? r.x0 + n : r.x0, py0 = wide ? r.y0 : r.y0 + n;
-    int64_t* const line = packed + (int64_t)py0 * width + px0;
-    const int64_t stride = wide ? width : 1;
-    // Cell by cell, of which a line mostly meets one.
-    for (int i = lower; i < upper;) {
-      const int px = wide ? px0 : px0 + i, py = wide ? py0 + i : py0;
-      const CellPlane plane = cell_plane(r, px / kBin, py / kBin);
-      const int along = (wide ? py : px) % kBin, end = min_of(upper, i + kBin - along);
-      // The plane along the line: (zcell + dzdy * y) + dzdx * x, whichever of the two changes.
-      double at_pixel = along;
-      const double row = plane_row<double>(plane.zcell, plane.dzdy, py % kBin), column = plane_column<double>(plane.dzdx, px % kBin);
-      for (; i < end; ++i, at_pixel += 1.0) {
-        const bool covered = (at[0] | at[1] | at[2]) >= 0;
-        for (int k = 0; k < 3; ++k) at[k] += step[k];
-        if (!covered) continue;
-        const double z = wide ? plane_row<double>(plane.zcell, plane.dzdy, at_pixel) + column : row + plane_column<double>(plane.dzdx, at_pixel);
-        float depth = finish_depth(z, r.zmin, r.zmax);
-        if (r.flags & kRecordThin) depth = thin_depth(record, wide ? px0 : px0 + i, wide ? py0 + i : py0);
-        keep_nearest(line + i * stride, pack_fragment(depth, r.triangle), false);
-      }
-    }
-  }
-}
-
 // --- The frame
 
-// Background everywhere, zeros in the counters, and the vertices projected where there is room for them: by blocks of their own, since one is bound by memory and the other by arithmetic.
-constexpr int kClearThreads = 256, kVerticesEach = 4;
+// Background everywhere, zeros in the counters, and the vertices projected where there is room for them: by blocks of their own, spread evenly among the others, since one is bound by memory and the other
+// by arithmetic.
+constexpr int kClearThreads = 256, kVerticesEach = 2;
 constexpr int kClearPixels = 16 * kClearThreads, kProjectVertices = kVerticesEach * kClearThreads;  // of a block
 
-__global__ void __launch_bounds__(kClearThreads)
+__global__ void __launch_bounds__(kClearThreads, 5)
     clear_frame(const __grid_constant__ Frame f, Vertex* projected, int projecting_blocks, uint32_t* counters, int counter_count) {
   let_next_begin();
-  const int thread = threadIdx.x, block = (int)blockIdx.x - projecting_blocks;
-  if (block < 0) {
-    const int64_t first = (int64_t)blockIdx.x * kProjectVertices + thread;
+  const int thread = threadIdx.x, projecting = (int)((int64_t)blockIdx.x * projecting_blocks / gridDim.x);  // blocks before this one
+  if ((int64_t)(blockIdx.x + 1) * projecting_blocks / gridDim.x > projecting) {
+    const int64_t first = (int64_t)projecting * kProjectVertices + thread;
     float v[kVerticesEach][4];
 #pragma unroll
     for (int k = 0; k < kVerticesEach; ++k)  // all loads before the first use
@@ -152,6 +92,8 @@ __global__ void __launch_bounds__(kClearThreads)
     }
     return;
   }
+  // From the end to the beginning: triangles mostly come from the top of the image, which then is what the cache still holds.
+  const int block = (int)gridDim.x - projecting_blocks - 1 - ((int)blockIdx.x - projecting);
   const int64_t n = (int64_t)f.view.width * f.view.height, first = (int64_t)block * kClearPixels, end = min_of(first + kClearPixels, n);
   if (((uintptr_t)f.packed & 15) == 0) {
     for (int64_t i = first + 2 * thread; i + 1 < end; i += 2 * kClearThreads)

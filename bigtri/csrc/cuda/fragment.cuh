@@ -19,7 +19,7 @@ __device__ __forceinline__ bool narrow_edges(const Record& r, int bin_x, int bin
 }
 
 __device__ __forceinline__ CellPlane cell_plane(const Record& r, int bin_x, int bin_y) {
-  return {depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin), r.dzdx, r.dzdy};
+  return {depth_at(r.x, r.y, r.z, divisor((double)r.area), bin_x * kBin, bin_y * kBin), r.dzdx, r.dzdy};
 }
 
 // A record within one bin.
@@ -29,7 +29,7 @@ struct Entry {
   float zmin, zmax;
   uint32_t triangle;
   uint32_t info;  // slot of the record << 4 | whether it covers the area entered for << 3 | its flags
-  float nearest;  // for those who keep it here
+  float nearest;  // depth in that area
 
   __device__ __forceinline__ bool thin() const { return info & kRecordThin; }
   __device__ __forceinline__ bool far() const { return info & kRecordFar; }
@@ -39,18 +39,37 @@ struct Entry {
 };
 static_assert(kRecordLarge < 8 && kRecordThin < 8 && kRecordFar < 8, "flags fit beside the slot");
 
-// A depth that every record's is below, though not infinite.
-constexpr float kHuge = 1e30f;
-
-// What a record and an area of a bin have to do with each other: it misses it, or its nearest depth there, and the farthest where it covers all of it and so hides what lies behind, else infinity.
+// What a record and an area of a bin have to do with each other.
 struct Meeting {
   bool meets;
-  float nearest, farthest;
+  bool full;  // covers all of it
+  float nearest;  // its nearest depth there
+  float farthest;  // the farthest one where it covers all of the area and so hides what lies behind, else infinity
+  int32_t f[3];  // of its edges in the bin, with steps of 0 where bit k of `constant` says so: NarrowEdge
+  uint32_t constant;
+  double zcell;
+
+  __device__ __forceinline__ void make_entry(const Record& r, uint32_t slot, Entry* e) const {
+    e->plane = {zcell, r.dzdx, r.dzdy};
+    for (int k = 0; k < 3; ++k) {
+      const Edge edge = edge_of(r.x, r.y, k);
+      const bool steps = !(constant >> k & 1);
+      e->edge[k] = {f[k], steps ? -edge.dy : 0, steps ? edge.dx : 0};
+    }
+    e->zmin = r.zmin;
+    e->zmax = r.zmax;
+    e->triangle = r.triangle;
+    e->info = slot << 4 | (full ? Entry::kEntryFull : 0) | r.flags;
+    e->nearest = nearest;
+  }
 };
 
-// Makes the entry of a record for the bin if it meets the area of it, px from the bin's corner. Extremes in int64: an edge far away does not fit 32 bits; one that crosses the bin does.
-__device__ __forceinline__ Meeting enter_bin(const Record& r, uint32_t slot, int bin_x, int bin_y, int left, int top, int columns, int rows, Entry* e) {
-  bool full = true;
+// Of a record and the area of a bin, px from the bin's corner. Extremes in int64: an edge far away does not fit 32 bits; one that crosses the bin does.
+__device__ __forceinline__ Meeting meet(const Record& r, int bin_x, int bin_y, int left, int top, int columns, int rows) {
+  Meeting m;
+  m.meets = false;
+  m.full = true;
+  m.constant = 0;
   double g[3];
   for (int k = 0; k < 3; ++k) {
     const Edge edge = edge_of(r.x, r.y, k);
@@ -61,21 +80,26 @@ __device__ __forceinline__ Meeting enter_bin(const Record& r, uint32_t slot, int
     b.f = (value + edge_bias(edge)) >> kSubpixelBits;
     b.lowest = lowest_of(b.f, b.sx, b.sy, kBin - 1);
     const int64_t first = b.f + (int64_t)left * b.sx + (int64_t)top * b.sy;
-    if (first + (int64_t)(columns - 1) * max_of(b.sx, 0) + (int64_t)(rows - 1) * max_of(b.sy, 0) < 0) return {false, 0.0f, 0.0f};
-    full = full && first + (int64_t)(columns - 1) * min_of(b.sx, 0) + (int64_t)(rows - 1) * min_of(b.sy, 0) >= 0;
-    e->edge[k] = narrow(b);
+    if (first + (int64_t)(columns - 1) * max_of(b.sx, 0) + (int64_t)(rows - 1) * max_of(b.sy, 0) < 0) return m;
+    m.full = m.full && first + (int64_t)(columns - 1) * min_of(b.sx, 0) + (int64_t)(rows - 1) * min_of(b.sy, 0) >= 0;
+    const NarrowEdge edge_here = narrow(b);
+    m.f[k] = edge_here.f;
+    m.constant |= b.lowest >= 0 ? 1u << k : 0;
     g[k] = (double)value;
   }
-  e->zmin = r.zmin;
-  e->zmax = r.zmax;
-  e->triangle = r.triangle;
-  e->info = slot << 4 | (full ? Entry::kEntryFull : 0) | r.flags;
-  const bool hides = full && !(r.flags & kRecordFar);
-  if (r.flags & kRecordThin) return {true, r.zmin, hides ? r.zmax : kInfinity};
-  const CellPlane plane = {weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], (double)r.area), r.dzdx, r.dzdy};
-  e->plane = plane;
-  return {true, corner_depth(plane, r.zmin, r.zmax, left, top, columns - 1, rows - 1, false),
-          hides ? corner_depth(plane, r.zmin, r.zmax, left, top, columns - 1, rows - 1, true) : kInfinity};
+  m.meets = true;
+  const bool hides = m.full && !(r.flags & kRecordFar);
+  m.zcell = 0.0;
+  m.nearest = r.zmin;
+  m.farthest = r.zmax;
+  if (!(r.flags & kRecordThin)) {
+    m.zcell = weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], divisor((double)r.area));
+    const CellPlane plane = {m.zcell, r.dzdx, r.dzdy};
+    m.nearest = corner_depth(plane, r.zmin, r.zmax, left, top, columns - 1, rows - 1, false);
+    m.farthest = corner_depth(plane, r.zmin, r.zmax, left, top, columns - 1, rows - 1, true);
+  }
+  if (!hides) m.farthest = kInfinity;
+  return m;
 }
 
 // Extremes of f over the centres from (x, y) to (x + last_x, y + last_y) of the bin.
@@ -92,12 +116,13 @@ __device__ __forceinline__ float bound_depth(const Entry& e, int x, int y, int l
 }
 
 // Depth of pixel (x, y) of the image of a thin record. A call, so that its registers cost the others nothing.
-__device__ __noinline__ float thin_depth(const Record* r, int x, int y) { return finish_depth(depth_at(r->x, r->y, r->z, r->area, x, y), r->zmin, r->zmax); }
+__device__ __noinline__ float thin_depth(const Record* r, int x, int y) { return finish_depth(depth_at(r->x, r->y, r->z, divisor((double)r->area), x, y), r->zmin, r->zmax); }
 
 // 64 bits at once; the background is the same minimum signed and unsigned.
 __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, bool read_first) {
   if (read_first && __ldcg(pixel) <= packed) return;
-  atomicMin(reinterpret_cast<unsigned long long*>(pixel), (unsigned long long)packed);
+  // The address space is named, since in a function that is called the compiler cannot know it and would make three of this.
+  asm volatile("red.relaxed.gpu.global.min.u64 [%0], %1;" ::"l"(__cvta_generic_to_global(pixel)), "l"(packed));
 }
 
 }  // namespace

@@ -7,8 +7,6 @@
 namespace bigtri {
 namespace {
 
-constexpr int kMaxEntries = 256;  // drawn together
-
 // The bins that a record touches, first and last column and row, a byte each: what a block looks at before the record itself.
 __device__ __forceinline__ uint32_t box_of(const Record& r) {
   return (uint32_t)(r.x0 / kBin) | (uint32_t)(r.y0 / kBin) << 8 | (uint32_t)((r.x1 - 1) / kBin) << 16 | (uint32_t)((r.y1 - 1) / kBin) << 24;
@@ -28,20 +26,15 @@ struct Candidates {
   __device__ __forceinline__ int slot(int i) const { return i; }
 };
 
-// Shared memory of a block that owns a patch.
-struct PatchShared {
-  Entry entries[kMaxEntries];  // of records whose bins the patch lies in
-  uint16_t list[kMaxEntries];  // those that can be seen
-  int entry_count, list_count;
-  uint32_t far;  // bits of the depth behind which nothing of the patch can be seen
-};
+constexpr int kTurn = 8;  // patches that a block takes at a time
 
 // Where a patch of kWarps regions is.
 template <int kWarps>
 struct Patch {
   static constexpr int kRows = kWarps / 4 * kRegion;
   static constexpr int kPerBin = kBin / kRows;
-  int bin_x, bin_y, top;  // top: row of the bin where it begins, px
+  static constexpr int kNowhere = 1 << 16;
+  int bin_x, bin_y, top;  // bin_x: kNowhere, with no pixel, behind the last; top: row of the bin where it begins, px
 
   __host__ __device__ static int count(const Viewport& v) { return ((v.width + kBin - 1) / kBin) * ((v.height + kRows - 1) / kRows); }
   __device__ static Patch at(const Viewport& v, int i) {
@@ -50,21 +43,28 @@ struct Patch {
   }
 };
 
+// Shared memory of a block that owns patches.
+template <int kWarps>
+struct PatchShared {
+  static constexpr int kMaxEntries = 24 * kWarps;  // 384 of 80 B, so that records fit beside them
+  Entry entries[kMaxEntries];  // of records in the bin that a patch lies in
+  uint16_t list[kWarps * kWarp];  // those that can be seen: a part for each patch
+  Patch<kWarps> at[kTurn];
+  int entry_count, list_count[kTurn];
+  uint32_t far[kTurn];  // bits of the depth behind which nothing of the patch can be seen
+  unsigned touched;  // bits of the patches that have a candidate
+};
+
 enum class Output { kWrite, kMerge };  // alone on the frame, or beside others
 
-__device__ __forceinline__ PatchShared* patch_shared() {
-  extern __shared__ __align__(16) char memory[];
-  return reinterpret_cast<PatchShared*>(memory);
-}
-
-// Draws the block's entries: what misses the region or lies behind it first falls out, an entry a lane.
-__device__ __forceinline__ void draw_all(Region& region, const PatchShared& s, int count, const Record* records) {
+// Draws entries into a region: what misses it or lies behind it first falls out, an entry a lane.
+__device__ __forceinline__ void draw_all(Region& region, const Entry* entries, const uint16_t* list, int count, const Record* records) {
   const int x = region.x, y = region.y;
   for (int base = 0; base < count; base += kWarp) {
     bool keep = false, full = false;
     float nearest = 0.0f, farthest = kInfinity;
     if (base + lane_id() < count) {
-      const Entry& e = s.entries[s.list[base + lane_id()]];
+      const Entry& e = entries[list[base + lane_id()]];
       keep = full = true;
       for (int k = 0; k < 3; ++k) {
         keep = keep && highest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
@@ -77,146 +77,116 @@ __device__ __forceinline__ void draw_all(Region& region, const PatchShared& s, i
     const unsigned whole = __ballot_sync(kAllLanes, full);
     for (unsigned todo = __ballot_sync(kAllLanes, keep && nearest <= region.far); todo; todo &= todo - 1) {
       const int i = __ffs(todo) - 1;
-      region.draw(s.entries[s.list[base + i]], whole >> i & 1, records);
+      region.draw(entries[list[base + i]], whole >> i & 1, records);
     }
   }
 }
 
-// By all threads of a block.
+// This warp's region of a patch.
 template <int kWarps>
-__device__ __forceinline__ void store_background(const Frame& f, const Patch<kWarps>& p) {
-  constexpr int kPairs = kBin / 2, kStep = kWarps * kWarp / kPairs;  // pairs of pixels in a row, rows at a time
-  const int px = p.bin_x * kBin + (int)threadIdx.x % kPairs * 2, py = p.bin_y * kBin + p.top + (int)threadIdx.x / kPairs;
-  const int rows = min_of(f.view.height - py, Patch<kWarps>::kRows - (int)threadIdx.x / kPairs);
-  if (px >= f.view.width) return;
-  int64_t* to = f.packed + ((uint32_t)(py * f.view.width) + px);
-  if (wide_rows(f)) {
-    for (int row = 0; row < rows; row += kStep, to += kStep * (int64_t)f.view.width) store_pair(to, kBackground, kBackground);
-  } else {
-    for (int row = 0; row < rows; row += kStep, to += kStep * (int64_t)f.view.width) {
-      to[0] = kBackground;
-      if (px + 1 < f.view.width) to[1] = kBackground;
-    }
-  }
-  if (f.depth)
-    for (int row = 0; row < rows; row += kStep) {
-      float* depth = f.depth + (uint32_t)((py + row) * f.view.width + px);
-      depth[0] = kInfinity;
-      if (px + 1 < f.view.width) depth[1] = kInfinity;
-    }
+__device__ __forceinline__ Region region_of(const Frame& f, const Patch<kWarps>& p, float far) {
+  const int warp = threadIdx.x / kWarp;
+  Region region;
+  region.begin(f, p.bin_x, p.bin_y, warp % 4 * kRegion, p.top + warp / 4 * kRegion, far);
+  return region;
 }
 
-// Draws a patch of what `candidates` has, by all threads of a block. What can be seen gathers in shared memory, and the pixels are in registers only while that is drawn: mostly once.
-// If more gathers than there is room for, the patch is drawn several times, each time from what the last one left.
+// Draws the patches of what `candidates` has that are this block's, by all of its threads. As many patches at once as there are threads to look at the candidates of each. What can be seen gathers in
+// shared memory; then each warp draws its region of each patch, the pixels in registers, mostly once. If more gathers than there is room for, the patches are drawn several times, each time
+// from what the last one left. drawn: the frame holds what has been drawn before.
 // Candidates: int count; int slot(int i), i < count; const Record* records; const uint32_t* boxes.
 template <int kWarps, Output kOutput, class Candidates>
-__device__ __forceinline__ void draw_patch(const Frame& f, const Candidates& candidates, const Patch<kWarps>& patch, int room) {
+__device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& candidates, int room, bool drawn) {
   constexpr int kThreads = kWarps * kWarp;
-  PatchShared* const s = patch_shared();
-  const int count = candidates.count;
-  bool any = false;
-  for (int i = threadIdx.x; i < count; i += kThreads) any = any || in_box(candidates.boxes[candidates.slot(i)], patch.bin_x, patch.bin_y);
-  if (!__syncthreads_or(any)) {  // most patches of most scenes
-    if (kOutput == Output::kWrite) store_background(f, patch);
-    return;
-  }
-  if (threadIdx.x == 0) {
-    s->entry_count = s->list_count = 0;
-    s->far = float_bits(kInfinity);
-  }
-  __syncthreads();
-  bool drawn = false;  // the frame already holds something of the patch
-  bool done = false;  // this thread's candidate of the turn
-  for (int base = 0;;) {
-    bool full_up = false;
-    while (base < count && !full_up) {
-      const int i = base + (int)threadIdx.x;
-      bool pending = false;
-      int place = 0;
-      Meeting meeting = {false, 0.0f, 0.0f};
-      if (i < count && !done) {
-        const int slot = candidates.slot(i);
-        if (in_box(candidates.boxes[slot], patch.bin_x, patch.bin_y)) {
-          place = atomicAdd(&s->entry_count, 1);
-          pending = place >= room;
-          if (!pending) {
-            meeting =
-                enter_bin(candidates.records[slot], (uint32_t)slot, patch.bin_x, patch.bin_y, 0, patch.top, kBin, Patch<kWarps>::kRows, &s->entries[place]);
-            if (meeting.meets && meeting.farthest < kInfinity) atomicMin(&s->far, float_bits(meeting.farthest));
-          }
-        }
+  extern __shared__ __align__(16) char memory[];
+  PatchShared<kWarps>* const s = reinterpret_cast<PatchShared<kWarps>*>(memory);
+  const int count = candidates.count, patches = Patch<kWarps>::count(f.view);
+  int shift = 31 - __clz(kTurn);
+  while (shift > 0 && count << shift > kThreads) --shift;
+  const int together = 1 << shift, each = kThreads >> shift;  // patches at once, threads for one
+  const int own = (int)threadIdx.x >> (31 - __clz(each));  // the patch that this thread looks at candidates for
+  room = min_of(room, PatchShared<kWarps>::kMaxEntries);
+#pragma unroll 1
+  for (int first = blockIdx.x; first < patches; first += kTurn * gridDim.x) {
+    if (threadIdx.x < kTurn) {
+      const int index = first + (int)threadIdx.x * (int)gridDim.x;
+      Patch<kWarps> patch = {Patch<kWarps>::kNowhere, 0, 0};
+      if (index < patches) patch = Patch<kWarps>::at(f.view, index);
+      s->at[threadIdx.x] = patch;
+      s->far[threadIdx.x] = float_bits(kInfinity);
+    }
+    if (threadIdx.x == 0) s->touched = together > 1 ? ~0u : 0;
+    __syncthreads();
+    if (together == 1) {  // many candidates: look at them once for all patches
+      unsigned touched = 0;
+      for (int i = threadIdx.x; i < count; i += kThreads) {
+        const uint32_t box = candidates.boxes[candidates.slot(i)];
+#pragma unroll
+        for (int k = 0; k < kTurn; ++k) touched |= in_box(box, s->at[k].bin_x, s->at[k].bin_y) ? 1u << k : 0;
       }
-      full_up = __syncthreads_or(pending);
-      if (meeting.meets && meeting.nearest <= bits_float(s->far)) s->list[atomicAdd(&s->list_count, 1)] = (uint16_t)place;
-      done = full_up && !pending;
-      if (!full_up) base += kThreads;
+      if (touched) atomicOr(&s->touched, touched);
       __syncthreads();
     }
-    const int waiting = s->list_count;
-    if (waiting > 0 || (kOutput == Output::kWrite && !drawn)) {
-      const int warp = threadIdx.x / kWarp;
-      Region region;
-      region.begin(f, patch.bin_x, patch.bin_y, warp % 4 * kRegion, patch.top + warp / 4 * kRegion, bits_float(s->far));
-      if (kOutput == Output::kWrite && drawn) region.load(f);
-      draw_all(region, *s, waiting, candidates.records);
-      if (kOutput == Output::kWrite)
-        region.store(f);
-      else
-        region.merge(f);
-      drawn = true;
-    }
-    __syncthreads();
-    if (!full_up) return;
-    if (threadIdx.x == 0) s->entry_count = s->list_count = 0;
-    __syncthreads();
-  }
-}
-
-// A region by a warp alone: what `draw_patch` does, without a barrier, for few records, all of which each warp looks at, a lane each. entries: kWarp of them, the warp's own.
-template <class Candidates>
-__device__ __forceinline__ void draw_region(const Frame& f, const Candidates& candidates, int index, int room, Entry* entries) {
-  const int count = candidates.count;
-  const int columns = (f.view.width + kRegion - 1) / kRegion, row = index / columns;
-  const int left = (index - row * columns) * kRegion, top = row * kRegion;
-  const int bin_x = left / kBin, bin_y = top / kBin, x = left % kBin, y = top % kBin;
-  float far = kHuge;
-  bool drawn = false;
-  for (int base = 0;;) {
-    int waiting = 0;
-    while (base < count) {
-      const int slot = base + lane_id() < count ? candidates.slot(base + lane_id()) : 0;
-      const Record* r = candidates.records + slot;
-      const bool near_it =
-          base + lane_id() < count && candidates.boxes[slot] != kNoBox && r->x0 < left + kRegion && r->x1 > left && r->y0 < top + kRegion && r->y1 > top;
-      const unsigned some = __ballot_sync(kAllLanes, near_it);
-      if (waiting > 0 && waiting + __popc(some) > room) break;
-      Meeting meeting = {false, 0.0f, kInfinity};
-      const int place = waiting + __popc(some & lanes_below());
-      if (near_it) {
-        Entry* e = entries + place;
-        meeting = enter_bin(*r, (uint32_t)slot, bin_x, bin_y, x, y, kRegion, kRegion, e);
-        e->nearest = meeting.meets ? meeting.nearest : kInfinity;
+#pragma unroll 1
+    for (int group = 0; group < kTurn; group += together) {
+      if (s->at[group].bin_x == Patch<kWarps>::kNowhere) break;
+      if (!(s->touched >> group & 1)) {
+        if (kOutput == Output::kWrite && !drawn) region_of(f, s->at[group], kInfinity).store(f);
+        continue;
       }
-      if (some) far = min_of(far, bits_float(warp_min(float_bits(meeting.meets ? meeting.farthest : kInfinity))));
-      waiting += __popc(some);
-      base += kWarp;
+      const Patch<kWarps> patch = s->at[group + own];
+      // This thread's next candidate in the bin of its patch, from i on.
+      const auto next = [&](int i) {
+        while (i < count && !in_box(candidates.boxes[candidates.slot(i)], patch.bin_x, patch.bin_y)) i += each;
+        return i;
+      };
+      int i = next((int)threadIdx.x & (each - 1));
+      bool again = drawn, full_up;
+      do {
+        if ((int)threadIdx.x < together) s->list_count[threadIdx.x] = 0;
+        if (threadIdx.x == 0) s->entry_count = 0;
+        full_up = false;
+        bool more = __syncthreads_or(i < count);
+        while (more && !full_up) {
+          // What a patch is covered by hides what lies behind. Only what is left takes room.
+          Meeting m;
+          m.meets = false;
+          const int slot = i < count ? candidates.slot(i) : 0;
+          if (i < count) m = meet(candidates.records[slot], patch.bin_x, patch.bin_y, 0, patch.top, kBin, Patch<kWarps>::kRows);
+          if (m.meets && m.farthest < kInfinity) atomicMin(&s->far[group + own], float_bits(m.farthest));
+          __syncthreads();
+          bool pending = false;
+          if (m.meets && m.nearest <= bits_float(s->far[group + own])) {
+            const int place = atomicAdd(&s->entry_count, 1);
+            pending = place >= room;
+            if (!pending) {
+              m.make_entry(candidates.records[slot], (uint32_t)slot, &s->entries[place]);
+              s->list[own * each + atomicAdd(&s->list_count[own], 1)] = (uint16_t)place;
+            }
+          }
+          if (i < count && !pending) i = next(i + each);
+          more = __syncthreads_or(i < count);
+          full_up = s->entry_count > room;
+        }
+#pragma unroll 1
+        for (int k = 0; k < together; ++k) {
+          const Patch<kWarps> p = s->at[group + k];
+          const int waiting = s->list_count[k];
+          if (p.bin_x == Patch<kWarps>::kNowhere) break;
+          if (waiting == 0 && (kOutput == Output::kMerge || again)) continue;
+          Region region = region_of(f, p, bits_float(s->far[group + k]));
+          if (kOutput == Output::kWrite && again) region.load(f);
+          draw_all(region, s->entries, s->list + k * each, waiting, candidates.records);
+          if (kOutput == Output::kWrite)
+            region.store(f);
+          else
+            region.merge(f);
+        }
+        again = true;
+        __syncthreads();
+      } while (full_up);
     }
-    __syncwarp();
-    if (waiting > 0 || !drawn) {
-      Region region;
-      region.begin(f, bin_x, bin_y, x, y, far);
-      if (drawn) region.load(f);
-      const bool mine = lane_id() < waiting;
-      const unsigned full = __ballot_sync(kAllLanes, mine && entries[lane_id()].full());
-      for (unsigned todo = __ballot_sync(kAllLanes, mine && entries[lane_id()].nearest <= far); todo; todo &= todo - 1) {
-        const int i = __ffs(todo) - 1;
-        region.draw(entries[i], full >> i & 1, candidates.records);
-      }
-      region.store(f);
-      drawn = true;
-    }
-    __syncwarp();
-    if (base >= count) return;
+    __syncthreads();  // nobody looks at these patches any more
   }
 }
 

@@ -196,8 +196,8 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
         NarrowEdge edge[3];
         if (inside && (listed || narrow_edges(r, bin_x, bin_y, edge))) {
           const int at = atomicAdd(&s->count, 1);
-          const Meeting meeting = enter_bin(r, (uint32_t)slot, bin_x, bin_y, 0, 0, kBin, kBin, &s->entries[at]);
-          s->entries[at].nearest = meeting.nearest;
+          const Meeting meeting = meet(r, bin_x, bin_y, 0, 0, kBin, kBin);
+          meeting.make_entry(r, (uint32_t)slot, &s->entries[at]);
           if (meeting.farthest < kInfinity) atomicMin(&s->far, float_bits(meeting.farthest));
         }
       }

@@ -17,6 +17,12 @@ __device__ __forceinline__ void store_pair(int64_t* to, int64_t a, int64_t b) {
   asm volatile("st.global.v2.s64 [%0], {%1, %2};" ::"l"(to), "l"(a), "l"(b) : "memory");
 }
 
+// The same number, which the compiler can compute nothing from before this place: what would wait in a register, or out of one, while a region is drawn.
+__device__ __forceinline__ int computed_here(int v) {
+  asm volatile("" : "+r"(v));
+  return v;
+}
+
 // A lane's pixels, and drawing into them.
 struct Region {
   int64_t best[kLanePixels];
@@ -94,10 +100,10 @@ struct Region {
   // Calls use(index in best, offset in the image) for the lane's pixels on the screen.
   template <class Use>
   __device__ __forceinline__ void each(const Frame& f, const Use& use) const {
-    const int px = bin_x * kBin + lane_x();
+    const int px = computed_here(bin_x * kBin + lane_x()), top = computed_here(bin_y * kBin + lane_y());
 #pragma unroll
     for (int row = 0; row < 4; ++row) {
-      const int py = bin_y * kBin + lane_y() + 4 * row;
+      const int py = top + 4 * row;
       if (py >= f.view.height) break;
       const int64_t at = (int64_t)py * f.view.width + px;
       if (px < f.view.width) use(2 * row, at);
@@ -110,7 +116,7 @@ struct Region {
   }
 
   __device__ __forceinline__ void store(const Frame& f) const {
-    const int px = bin_x * kBin + lane_x(), py = bin_y * kBin + lane_y();
+    const int px = computed_here(bin_x * kBin + lane_x()), py = computed_here(bin_y * kBin + lane_y());
     if (wide_rows(f)) {
       int64_t* to = f.packed + (int64_t)py * f.view.width + px;
 #pragma unroll

@@ -23,6 +23,18 @@ __device__ __forceinline__ unsigned warp_min(unsigned v) {
 #endif
 }
 
+// Of `count` numbers, by a warp; all lanes get the result.
+__device__ __forceinline__ int warp_sum(const int32_t* v, int count) {
+  int sum = 0;
+  for (int i = lane_id(); i < count; i += kWarp) sum += v[i];
+#if __CUDA_ARCH__ >= 800
+  return __reduce_add_sync(kAllLanes, sum);
+#else
+  for (int step = kWarp / 2; step; step /= 2) sum += __shfl_xor_sync(kAllLanes, sum, step);
+  return sum;
+#endif
+}
+
 __device__ __forceinline__ void load_vertex(const Frame& f, int64_t i, float v[4]) {
   if (((uintptr_t)f.positions & 15) == 0) {
     const float4 q = __ldg(reinterpret_cast<const float4*>(f.positions) + i);

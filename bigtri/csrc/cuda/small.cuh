@@ -7,31 +7,58 @@
 namespace bigtri {
 namespace {
 
-constexpr int kSmallSide = 16;  // px
+constexpr int kSmallSide = 16;  // px, of the bbox
+constexpr int kSmallExtent = 1 << 13;  // subpx, of the triangle itself, of which the screen may have left only a corner
 constexpr int kBoxSide = 8;    // px; of what a lane finds pixels in at a time
 
 // Shared memory of a warp. What a lane's triangle is, and the covered pixels of all of them: lane << 6 | y << 3 | x from the corner of the lane's box.
 struct SmallShared {
   struct Box {
-    CellPlane plane;
+    double zcell[4];  // of the cell that the corner lies in, and of those to the right, below, and both, as far as the box reaches there
+    double dzdx, dzdy;
     float zmin, zmax;
-    uint32_t triangle, corner;  // corner: x, y << 16, px
+    uint32_t triangle;
+    uint32_t corner;  // pixel of the image
+    uint32_t in_cell;  // the corner's x and y << 16 in its cell, px
   };
   Box box[kWarp];
   uint16_t pixels[kWarp * kBoxSide * kBoxSide];
 };
 
 __device__ __forceinline__ bool is_small(const Primitive& p) {
-  return p.x1 - p.x0 <= kSmallSide && p.y1 - p.y0 <= kSmallSide && extent_of(p) <= kDirectExtent && max_of(max_of(p.z[0], p.z[1]), p.z[2]) <= 1.0f &&
+  return p.x1 - p.x0 <= kSmallSide && p.y1 - p.y0 <= kSmallSide && extent_of(p) <= kSmallExtent && max_of(max_of(p.z[0], p.z[1]), p.z[2]) <= 1.0f &&
          !is_thin(p.x, p.y, p.area);
 }
 
-// The coverage of a row of eight pixels that begins where the edges are `at`.
-__device__ __forceinline__ uint32_t row_coverage(const int32_t at[3], const int32_t sx[3]) {
-  uint32_t outside = 0;
-  for (int x = kBoxSide - 1; x >= 0; --x)  // shifts the sign bit in
-    outside = __funnelshift_l((uint32_t)((at[0] + x * sx[0]) | (at[1] + x * sx[1]) | (at[2] + x * sx[2])), outside, 1);
-  return ~outside & 0xff;
+// One edge of a small triangle in float32. Its values over a box are integers below 2^21, so float32 holds them exactly, and so are its steps. A row of eight pixels crosses it at a quotient of the two,
+// which is an integer or at least 2^-13 away from one: float32 quotients below 8 are off by 2^-19 at most, and a slack between the two makes them exact where they are rounded to integers.
+// What a row's crossing is multiplied with so that rounding it to an integer gives how far 0xff00 has to be shifted for the row's coverage: by 8 where all eight pixels are inside, by less where the first
+// ones are not, by more where the last ones are not.
+struct RowEdge {
+  float at, to_next;  // f at the first pixel of the row, and its step to the next row
+  float scale, offset, direction;
+};
+
+__device__ __forceinline__ RowEdge row_edge(int32_t f, int32_t sx, int32_t sy) {
+  constexpr float kSlack = 1.0f / (1 << 15);
+  // With a step of zero all pixels are inside or none: the infinities give that, and 0 * infinity counts as 0.
+  return {(float)f, (float)sy, __frcp_rn((float)absolute(sx)) * -0.0625f, ((sx < 0 ? kBoxSide - 0.5f : 0.5f) - kSlack) * 0.0625f, sx < 0 ? 16.0f : -16.0f};
+}
+
+// The coverage of a row of eight pixels, in the lowest byte, by one edge; moves on to the next row.
+__device__ __forceinline__ uint32_t row_coverage(RowEdge* e) {
+  constexpr float kRounding = 12582912.0f;  // 1.5 * 2^23: sums with it are rounded to integers, which their lowest bits hold
+  const float beyond = __saturatef(__fmaf_rn(e->at, e->scale, e->offset));  // pixels not inside, in sixteenths
+  e->at += e->to_next;
+  return 0xff00u >> (float_bits(__fmaf_rn(beyond, e->direction, kRounding + 8.0f)) & 31);
+}
+
+// The same of four rows, a byte each.
+__device__ __forceinline__ uint32_t rows_coverage(RowEdge edge[3]) {
+  uint32_t row[4];
+#pragma unroll
+  for (int r = 0; r < 4; ++r) row[r] = row_coverage(&edge[0]) & row_coverage(&edge[1]) & row_coverage(&edge[2]);
+  return __byte_perm(__byte_perm(row[0], row[1], 0x0040), __byte_perm(row[2], row[3], 0x0040), 0x5410);
 }
 
 // Draws the lanes' small primitives, all lanes together; have: whether this one has any.
@@ -39,11 +66,12 @@ __device__ __forceinline__ void draw_small(const Frame& f, const Primitive& p, u
   const int lane = lane_id();
   SmallShared::Box& mine = s->box[lane];
   int32_t start[3], sx[3], sy[3];  // f at the corner of the bbox, and its steps
+  const Divisor area = divisor(have ? (double)p.area : 1.0);
   __syncwarp();
   if (have) {
-    const DepthGradient g = depth_gradient(p.x, p.y, p.z, p.area);
-    mine.plane.dzdx = g.dzdx;
-    mine.plane.dzdy = g.dzdy;
+    const DepthGradient g = depth_gradient(p.x, p.y, p.z, area);
+    mine.dzdx = g.dzdx;
+    mine.dzdy = g.dzdy;
     mine.zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
     mine.zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
     mine.triangle = triangle;
@@ -54,27 +82,25 @@ __device__ __forceinline__ void draw_small(const Frame& f, const Primitive& p, u
       sy[k] = e.dx;
     }
   }
-  // Boxes of eight pixels a side, none across the border of a cell: one is the rule.
+  // Boxes of eight pixels a side: one is the rule.
   int x = p.x0, y = p.y0;
   bool left = have;
   while (__any_sync(kAllLanes, left)) {
     uint32_t upper = 0, lower = 0;  // coverage of four rows each, a byte a row
     if (left) {
-      const int x_end = min_of(min_of(p.x1, x + kBoxSide), x / kBin * kBin + kBin), y_end = min_of(min_of(p.y1, y + kBoxSide), y / kBin * kBin + kBin);
-      const int rows = y_end - y;
-      mine.corner = (uint32_t)x | (uint32_t)y << 16;
-      mine.plane.zcell = depth_at(p.x, p.y, p.z, p.area, x / kBin * kBin, y / kBin * kBin);
-      int32_t at[3];
-      for (int k = 0; k < 3; ++k) at[k] = start[k] + (x - p.x0) * sx[k] + (y - p.y0) * sy[k];
-      const uint32_t columns = (1u << (x_end - x)) - 1;
-      for (int r = 0; r < rows; ++r) {
-        const uint32_t covered = row_coverage(at, sx) & columns;
-        if (r < 4)
-          upper |= covered << (8 * r);
-        else
-          lower |= covered << (8 * r - 32);
-        for (int k = 0; k < 3; ++k) at[k] += sy[k];
-      }
+      const int x_end = min_of(p.x1, x + kBoxSide), y_end = min_of(p.y1, y + kBoxSide), rows = y_end - y;
+      const int i = x & (kBin - 1), j = y & (kBin - 1);
+      mine.corner = (uint32_t)(y * f.view.width + x);  // an image has at most 2^28 pixels
+      mine.in_cell = (uint32_t)i | (uint32_t)j << 16;
+#pragma unroll 1
+      for (int cell = 0; cell < 4; ++cell)
+        if ((cell == 0) | ((cell & 1) <= (i + x_end - x > kBin) & (cell >> 1) <= (j + rows > kBin)))
+          mine.zcell[cell] = depth_at(p.x, p.y, p.z, area, x - i + (cell & 1) * kBin, y - j + (cell >> 1) * kBin);
+      RowEdge edge[3];
+      for (int k = 0; k < 3; ++k) edge[k] = row_edge(start[k] + (x - p.x0) * sx[k] + (y - p.y0) * sy[k], sx[k], sy[k]);
+      const uint32_t columns = ((1u << (x_end - x)) - 1) * 0x01010101u, last_rows = columns & (0xffffffffu >> (8 * (-rows & 3)));
+      upper = rows_coverage(edge) & (rows > 4 ? columns : last_rows);
+      if (rows > 4) lower = rows_coverage(edge) & last_rows;
       x = x_end;
       if (x == p.x1) {
         x = p.x0;
@@ -102,17 +128,20 @@ __device__ __forceinline__ void draw_small(const Frame& f, const Primitive& p, u
     __syncwarp();
     for (int i = lane; i < count; i += kWarp) {
       const int pixel = s->pixels[i], owner = pixel >> 6;
-      const SmallShared::Box box = s->box[owner];
-      const int px = (int)(box.corner & 0xffff) + (pixel & 7), py = (int)(box.corner >> 16) + (pixel >> 3 & 7);
-      const double z = plane_row<double>(box.plane.zcell, box.plane.dzdy, py & (kBin - 1)) + plane_column<double>(box.plane.dzdx, px & (kBin - 1));
+      const SmallShared::Box& box = s->box[owner];
+      const uint32_t x = pixel & 7, y = pixel >> 3 & 7, at = box.in_cell + (x | y << 16);
+      const double zcell = box.zcell[(at >> kBinBits & 1) | (at >> (kBinBits + 15) & 2)];
+      const double z = plane_row<double>(zcell, box.dzdy, at >> 16 & (kBin - 1)) + plane_column<double>(box.dzdx, at & (kBin - 1));
       const int64_t packed = (int64_t)((uint64_t)float_bits(finish_depth(z, box.zmin, box.zmax)) << 32 | box.triangle);
-      keep_nearest(f.packed + (uint32_t)(py * f.view.width + px), packed, false);  // an image has at most 2^28 pixels
+      keep_nearest(f.packed + (box.corner + y * (uint32_t)f.view.width + x), packed, false);
     }
     __syncwarp();
   }
 }
 
 // --- A warp's share of the triangles
+
+constexpr int kShareThreads = 128, kShareBlocks = 8;  // of a block, and blocks that a multiprocessor ought to hold
 
 union WarpShared {
   SmallShared small;

@@ -79,9 +79,9 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, int64
 
 constexpr int kThreads = 256;
 
-__global__ void __launch_bounds__(kThreads, 4)
+__global__ void __launch_bounds__(kShareThreads, kShareBlocks)
     set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ Queue q, const __grid_constant__ Tuning t, int share) {
-  __shared__ WarpShared shared[kThreads / kWarp];
+  __shared__ WarpShared shared[kShareThreads / kWarp];
   let_next_begin();
   wait_for_previous();
   set_up_share(f, q.projected, share, shared,
@@ -117,8 +117,8 @@ cudaError_t draw_two_stage(const Frame& f, const Tuning& t, void* memory, cudaSt
   if (f.count > 0) {
     int share, blocks;
     int64_t set_up_blocks;
-    BIGTRI_CUDA(share_triangles(set_up_and_enqueue, kThreads, f.count, &share, &set_up_blocks));
-    BIGTRI_CUDA(launch_next(set_up_and_enqueue, set_up_blocks, kThreads, 0, stream, f, q, t, share));
+    BIGTRI_CUDA(share_triangles(set_up_and_enqueue, kShareThreads, f.count, &share, &set_up_blocks));
+    BIGTRI_CUDA(launch_next(set_up_and_enqueue, set_up_blocks, kShareThreads, 0, stream, f, q, t, share));
     BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, t, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
   }

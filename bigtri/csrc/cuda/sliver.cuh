@@ -1,0 +1,169 @@
+// Slivers: long and thin triangles, a lane to a line of pixels across. Where the line meets the sliver follows from two divisions for each edge, done once; crossing_of says why that is exact.
+#pragma once
+
+#include "fragment.cuh"
+
+namespace bigtri {
+namespace {
+
+constexpr int kSliverLines = 64;  // px; shorter ones are not worth the trouble
+constexpr int kSliverWidth = 4;   // px, on average, at most
+
+__device__ __forceinline__ bool is_sliver(const Primitive& p) {
+  return max_of(p.x1 - p.x0, p.y1 - p.y0) >= kSliverLines && p.area <= (int64_t)(2 * kSliverWidth * kSubpixel) * extent_of(p);
+}
+
+// A block draws a sliver over so many cells along it. Each of their columns it meets in at most so many rows of cells, if it is as thin as slivers are.
+constexpr int kSliverCells = 32, kSliverRows = 3;
+constexpr int kSliverChunk = kSliverCells * kBin;  // px
+
+// Chunks that any sliver of a frame can have.
+__host__ __device__ inline int sliver_chunks(const Viewport& v) { return (max_of(v.width, v.height) + kSliverChunk - 1) / kSliverChunk; }
+
+// Shared memory of a block: the planes of the cells that a chunk meets, by their anchors.
+struct SliverShared {
+  double zcell[kSliverCells][kSliverRows];
+  int row[kSliverCells];  // the first
+};
+
+// Where line n of a chunk crosses an edge: first + next * n, in pixels across, counted so that rounding up gives the first pixel inside where lines enter there, and minus the last one where they
+// leave. Minus infinity, which bounds nothing, where that would not be exact.
+struct Crossing {
+  double first, next;
+  bool enters, exact;
+
+  __device__ __forceinline__ int rounded(int n) const { return __double2int_ru(__fma_rn(next, (double)n, first)); }
+};
+
+// f: the edge at the first pixel of the first line. A quotient of integers with a denominator below 2^24 is an integer or more than 2^-24 away from one. Where a line's crossing changes by no more than
+// kSteepest from line to line, all that is rounded here is below 2^-31 together, for crossings that can matter: less than the slack, which is less than the distance.
+__device__ __forceinline__ Crossing crossing_of(int64_t f, int32_t step, int32_t to_next) {
+  constexpr double kSlack = 1.0 / (1 << 25);
+  constexpr int kSteepest = 256;
+  Crossing c = {-(double)kInfinity, 0.0, step > 0, step != 0 && (int64_t)absolute(step) * kSteepest >= absolute(to_next)};
+  const double inverse = __drcp_rn((double)absolute(step));
+  if (c.exact) {
+    c.first = -(double)f * inverse - kSlack;
+    c.next = -(double)to_next * inverse;
+  }
+  return c;
+}
+
+__device__ __forceinline__ int32_t extent(const int32_t v[3]) { return max_of(max_of(v[0], v[1]), v[2]) - min_of(min_of(v[0], v[1]), v[2]); }
+
+// Pixels `from` to `last` of a line, each with a test and a plane of its own: for the ends of slivers, and for odd ones.
+__device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* record, bool wide, int line, int from, int last) {
+  const Record& r = *record;
+#pragma unroll 1
+  for (int m = from; m <= last; ++m) {
+    const int px = wide ? line : m, py = wide ? m : line;
+    int64_t outside = 0;
+    for (int k = 0; k < 3; ++k) outside |= edge_steps(edge_of(r.x, r.y, k), px, py);
+    if (outside < 0) continue;
+    float depth;
+    if (r.flags & kRecordThin) {
+      depth = thin_depth(record, px, py);
+    } else {
+      const CellPlane plane = cell_plane(r, px / kBin, py / kBin);
+      depth = finish_depth(plane_row<double>(plane.zcell, plane.dzdy, py % kBin) + plane_column<double>(plane.dzdx, px % kBin), r.zmin, r.zmax);
+    }
+    keep_nearest(f.packed + (uint32_t)(py * f.view.width + px), pack_fragment(depth, r.triangle), false);
+  }
+}
+
+// The part of a sliver in one chunk, by all threads of a block, at least 64, on a frame that has been cleared. kWide: a line is a column of the image, else a row. A call, so that its registers cost its callers nothing.
+template <bool kWide>
+__device__ __noinline__ void draw_sliver(const Frame& f, const Record* record, int chunk, SliverShared* s) {
+  const Record& r = *record;
+  const int begin = max_of(chunk * kSliverChunk, kWide ? r.x0 : r.y0), lines = min_of((chunk + 1) * kSliverChunk, kWide ? r.x1 : r.y1) - begin;
+  if (lines <= 0) return;
+  const int low = kWide ? r.y0 : r.x0, end = (kWide ? r.y1 : r.x1) - low;  // pixels of a line
+  Crossing crossing[3];
+  bool exact = !(r.flags & kRecordThin);  // and all crossings are
+  for (int k = 0; k < 3; ++k) {
+    const Edge e = edge_of(r.x, r.y, k);
+    crossing[k] = crossing_of(edge_steps(e, kWide ? begin : low, kWide ? low : begin), kWide ? e.dx : -e.dy, kWide ? -e.dy : e.dx);
+    exact = exact && crossing[k].exact;
+  }
+  // Of line n: the first pixel, at most `end`, and the last.
+  const auto span = [&](int n, int* from, int* last) {
+    *from = 0;
+    *last = end - 1;
+    for (int k = 0; k < 3; ++k) {
+      const int at = crossing[k].rounded(n);
+      if (crossing[k].enters)
+        *from = max_of(*from, at);
+      else
+        *last = min_of(*last, -max_of(at, -end));
+    }
+    *from = min_of(*from, end);
+  };
+  const int first_cell = begin / kBin;
+  for (int i = threadIdx.x; i < kSliverCells * kSliverRows; i += blockDim.x) {
+    const int column = i / kSliverRows, cell = first_cell + column, which = i % kSliverRows;
+    if (cell * kBin >= begin + lines) break;
+    int from[2], last;
+    span(max_of(cell * kBin - begin, 0), &from[0], &last);
+    span(min_of(cell * kBin + kBin - begin, lines) - 1, &from[1], &last);
+    const int row = (low + min_of(from[0], from[1])) / kBin;
+    s->zcell[column][which] = depth_at(r.x, r.y, r.z, divisor((double)r.area), (kWide ? cell : row + which) * kBin, (kWide ? row + which : cell) * kBin);
+    if (which == 0) s->row[column] = row;
+  }
+  __syncthreads();
+  const double dzdx = r.dzdx, dzdy = r.dzdy;
+  const float zmin = r.zmin, zmax = r.zmax;
+  const uint32_t triangle = r.triangle;
+  int64_t* const packed = f.packed;
+  const int width = f.view.width;
+  uint32_t odd = 0;  // the thread's lines that are drawn last, a bit each
+#pragma unroll 1
+  for (int base = 0, turn = 0; base < lines; base += blockDim.x, ++turn) {
+    const int n = min_of(base + (int)threadIdx.x, lines - 1);
+    int from, last;
+    span(n, &from, &last);
+    from += low;
+    last = base + (int)threadIdx.x < lines ? last + low : -1;
+    const int line = begin + n, column = (line >> kBinBits) - first_cell;
+    const int row = s->row[column], line_in_cell = line & (kBin - 1);
+    if (from <= last && (!exact || (from >> kBinBits) < row || (last >> kBinBits) >= row + kSliverRows)) {
+      odd |= 1u << turn;
+      last = -1;
+    }
+    const double* const zcell = s->zcell[column] - row;
+#pragma unroll 1
+    for (int m = from; m <= last; ++m) {
+      const int in_cell = m & (kBin - 1);
+      const double z = plane_row<double>(zcell[m >> kBinBits], dzdy, kWide ? in_cell : line_in_cell) + plane_column<double>(dzdx, kWide ? line_in_cell : in_cell);
+      const int at = kWide ? m * width + line : line * width + m;
+      keep_nearest(packed + (uint32_t)at, pack_fragment(finish_depth(z, zmin, zmax), triangle), false);
+    }
+    __syncwarp();  // lanes that have fewer pixels must not go ahead and draw on their own
+  }
+  for (; odd; odd &= odd - 1) {
+    const int n = (__ffs(odd) - 1) * (int)blockDim.x + (int)threadIdx.x;
+    int from, last;
+    span(n, &from, &last);
+    draw_sliver_line(f, record, kWide, begin + n, low + from, low + last);
+  }
+  __syncthreads();  // the planes are read no more
+}
+
+// Slivers 0 .. count - 1, a chunk a block at a time, by all blocks of a grid. get(i): the record, or null.
+template <class Get>
+__device__ __forceinline__ void draw_all_slivers(const Frame& f, int count, SliverShared* shared, const Get& get) {
+  const int chunks = sliver_chunks(f.view);
+  const int64_t items = (int64_t)count * chunks;
+  for (int64_t i = blockIdx.x; i < items; i += gridDim.x) {
+    const int number = (int)(i / chunks);
+    const Record* r = get(number);
+    if (!r) continue;
+    const int chunk = (int)(i - (int64_t)number * chunks);
+    if (extent(r->x) >= extent(r->y))
+      draw_sliver<true>(f, r, chunk, shared);
+    else
+      draw_sliver<false>(f, r, chunk, shared);
+  }
+}
+
+}  // namespace
+}  // namespace bigtri
