@@ -102,7 +102,7 @@ class CudaTuning(NamedTuple):
     some: up to so many, every block looks at all of them; above, small triangles are drawn at once and only large ones wait.
     warps: of a block that owns pixels, 4, 8 or 16.
     blocks: of kernels whose blocks take work in turns; 0 for as many as the device holds.
-    entries: records that a block draws together, 1 to 384, at most 24 for each of its warps.
+    entries: records that a block draws together, 1 to 352, at most 22 for each of its warps.
     queue: records that may wait; what finds no room is drawn on the spot.
     threshold: px of bbox above which a record waits for a block that owns the bin.
     """

@@ -29,15 +29,20 @@ struct FewShared {
   int waiting_count[2];
   int record_count;  // asked for
   int record_end;    // given
+  int round;
   __device__ FewShared() {}
 };
 static_assert(FewShared<4>::kRecords >= kMaxSubTriangles, "a round clips one triangle at least");
+static_assert(sizeof(FewShared<16>) <= 64 * 1024, "as much as a block can have on all devices");
 
 // Sets up the triangles; returns how many were dropped. By all threads.
 template <int kWarps>
 __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) {
   const int t = threadIdx.x;
   if (t < 2) s->waiting_count[t] = 0;
+  if (t == 0) s->round = 0;
+  if (t == 0) s->patch.begin(f.count, false);
+  begin_turn<kWarps>(f, blockIdx.x);
   project_corners(f, 0, f.count, s->corners, t, kWarps * kWarp);
   __syncthreads();
   Fate fate = Fate::kNothing;
@@ -55,12 +60,13 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) 
   return __syncthreads_count(fate == Fate::kDropped);
 }
 
-// Clips what waits in round `round`, a triangle a warp, and puts the parts behind `first` records. Those that find no room wait for the next round. Returns the number of records. By all threads.
+// Clips what waits in round `round`, a triangle a warp, and puts the parts behind `first` records. Those that find no room wait for the next round. By all threads.
 template <int kWarps>
-__device__ __noinline__ int clip_few(const Frame& f, FewShared<kWarps>* s, int first, int round) {
+__device__ __noinline__ void clip_few(const Frame& f, FewShared<kWarps>* s, int first, int round) {
   const int warp = threadIdx.x / kWarp, now = round & 1, later = now ^ 1, count = s->waiting_count[now];
   __syncthreads();
   if (threadIdx.x == 0) {
+    s->round = round;
     s->record_count = first;
     s->record_end = FewShared<kWarps>::kRecords;
     s->waiting_count[later] = 0;
@@ -88,7 +94,9 @@ __device__ __noinline__ int clip_few(const Frame& f, FewShared<kWarps>* s, int f
       __syncwarp();
     }
   __syncthreads();
-  return min_of(s->record_count, s->record_end);
+  if (threadIdx.x == 0) s->patch.begin(min_of(s->record_count, s->record_end), round > 0);
+  begin_turn<kWarps>(f, blockIdx.x);
+  __syncthreads();
 }
 
 template <int kWarps>
@@ -97,13 +105,13 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __g
   FewShared<kWarps>* const s = reinterpret_cast<FewShared<kWarps>*>(memory);
   const int dropped = set_up_few(f, s);
   if (blockIdx.x == 0 && threadIdx.x == 0) *f.dropped = dropped;
-  int count = f.count;
+  if (s->waiting_count[0] > 0) clip_few(f, s, f.count, 0);
 #pragma unroll 1
-  for (int round = 0;; ++round) {
-    if (s->waiting_count[round & 1] > 0) count = clip_few(f, s, count, round);
-    draw_patches<kWarps, Output::kWrite>(f, Candidates{s->records, s->boxes, count}, room, round > 0);
-    if (s->waiting_count[(round & 1) ^ 1] == 0) return;
-    count = 0;
+  for (;;) {
+    draw_patches<kWarps, Output::kWrite, false>(f, Candidates{s->records, s->boxes}, room);
+    const int round = *(volatile int*)&s->round + 1;
+    if (s->waiting_count[round & 1] == 0) return;
+    clip_few(f, s, 0, round);
   }
 }
 
@@ -135,9 +143,9 @@ struct RecordCandidates {
   const Record* records;
   const uint32_t* boxes;
   const Records& all;
-  int count;
 
-  __device__ explicit RecordCandidates(const Records& r) : records(r.records), boxes(r.boxes), all(r), count(r.triangles + warp_sum(r.part_count, r.blocks)) {}
+  __device__ explicit RecordCandidates(const Records& r) : records(r.records), boxes(r.boxes), all(r) {}
+  __device__ __forceinline__ int count() const { return all.triangles + warp_sum(all.part_count, all.blocks); }  // by all lanes of a warp
   __device__ __forceinline__ int slot(int i) const {
     if (i < all.triangles) return i;
     i -= all.triangles;
@@ -208,9 +216,14 @@ __device__ __forceinline__ void sum_dropped(const Frame& f, const Records& r) {
 
 template <int kWarps>
 __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_together(const __grid_constant__ Frame f, const __grid_constant__ Records r, int room) {
+  begin_turn<kWarps>(f, blockIdx.x);
   wait_for_previous();
   let_next_begin();
-  draw_patches<kWarps, Output::kWrite>(f, RecordCandidates(r), room, false);
+  const RecordCandidates candidates(r);
+  const int count = candidates.count();
+  if (threadIdx.x == 0) patch_shared<kWarps>()->begin(count, false);
+  __syncthreads();
+  draw_patches<kWarps, Output::kWrite, true>(f, candidates, room);
   sum_dropped(f, r);
 }
 
@@ -221,7 +234,7 @@ __global__ void __launch_bounds__(kSliverThreads, 8) draw_slivers(const __grid_c
   let_next_begin();
   wait_for_previous();
   const RecordCandidates candidates(r);
-  draw_all_slivers(f, candidates.count, &shared, [&](int i) {
+  draw_all_slivers(f, candidates.count(), &shared, [&](int i) {
     const int slot = candidates.slot(i);
     return r.boxes[slot] == kSliverBox ? r.records + slot : nullptr;
   });
@@ -306,9 +319,14 @@ template <int kWarps>
 __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_queued(const __grid_constant__ Frame f, const __grid_constant__ Queues q, int room) {
   __shared__ SliverShared shared;
   let_next_begin();
+  begin_turn<kWarps>(f, blockIdx.x);
   wait_for_previous();
   const int large = (int)min_of(q.counters[kLargeCount], q.room), slivers = (int)min_of(q.counters[kSliverCount], q.room);
-  if (large > 0) draw_patches<kWarps, Output::kMerge>(f, Candidates{q.large, q.boxes, large}, room, true);
+  if (large > 0) {
+    if (threadIdx.x == 0) patch_shared<kWarps>()->begin(large, true);
+    __syncthreads();
+    draw_patches<kWarps, Output::kMerge, true>(f, Candidates{q.large, q.boxes}, room);
+  }
   draw_all_slivers(f, slivers, &shared, [&](int i) { return q.slivers + i; });
 }
 

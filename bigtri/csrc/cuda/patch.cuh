@@ -21,7 +21,6 @@ __device__ __forceinline__ bool in_box(uint32_t box, int bin_x, int bin_y) {
 struct Candidates {
   const Record* records;
   const uint32_t* boxes;
-  int count;
 
   __device__ __forceinline__ int slot(int i) const { return i; }
 };
@@ -43,39 +42,73 @@ struct Patch {
   }
 };
 
-// Shared memory of a block that owns patches.
+// threadIdx.x, read anew.
+__device__ __forceinline__ uint32_t this_thread() {
+  uint32_t i;
+  asm volatile("mov.u32 %0, %%tid.x;" : "=r"(i));
+  return i;
+}
+
+// Shared memory of a block that owns patches. What all of its threads know is here too, and read again where it is needed: the registers are for drawing, and what spills out of them comes back from far away.
 template <int kWarps>
 struct PatchShared {
-  static constexpr int kMaxEntries = 24 * kWarps;  // 384 of 80 B, so that records fit beside them
+  static constexpr int kThreads = kWarps * kWarp, kMaxEntries = 22 * kWarps;
   Entry entries[kMaxEntries];  // of records in the bin that a patch lies in
-  uint16_t list[kWarps * kWarp];  // those that can be seen: a part for each patch
+  uint16_t list[kThreads];  // those that can be seen: a part for each patch
+  int32_t cursor[kThreads];  // the threads' next candidates, while those gathered are drawn because there is no room for more
   Patch<kWarps> at[kTurn];
-  int entry_count, list_count[kTurn];
+  int list_count[kTurn];
   uint32_t far[kTurn];  // bits of the depth behind which nothing of the patch can be seen
-  unsigned touched;  // bits of the patches that have a candidate
+  int entry_count;  // asked for
+  int count;  // candidates
+  int together;  // patches looked at together, as a power of two: as many as there are threads to look at the candidates of each
+  int first;  // number of the first patch of the turn
+  int group;  // the first of the turn's patches that are looked at together
+  unsigned touched;  // bits of the patches that have a candidate, where these are many
+  bool drawn;  // the frame holds what has been drawn before
+  bool resumed;  // the patches have been drawn once
+
+  // By one thread; a barrier has to follow.
+  __device__ __forceinline__ void begin(int candidates, bool on_what_is_there) {
+    count = candidates;
+    drawn = on_what_is_there;
+    const int bits = 31 - __clz(kThreads) - (count > 1 ? 32 - __clz(count - 1) : 0);
+    together = max_of(min_of(bits, 31 - __clz(kTurn)), 0);
+  }
 };
+
+template <int kWarps>
+__device__ __forceinline__ PatchShared<kWarps>* patch_shared() {
+  extern __shared__ __align__(16) char memory[];
+  return reinterpret_cast<PatchShared<kWarps>*>(memory);
+}
 
 enum class Output { kWrite, kMerge };  // alone on the frame, or beside others
 
 // Draws entries into a region: what misses it or lies behind it first falls out, an entry a lane.
 __device__ __forceinline__ void draw_all(Region& region, const Entry* entries, const uint16_t* list, int count, const Record* records) {
-  const int x = region.x, y = region.y;
+  const int x = region.x(), y = region.y();
   for (int base = 0; base < count; base += kWarp) {
-    bool keep = false, full = false;
-    float nearest = 0.0f, farthest = kInfinity;
-    if (base + lane_id() < count) {
-      const Entry& e = entries[list[base + lane_id()]];
-      keep = full = true;
-      for (int k = 0; k < 3; ++k) {
-        keep = keep && highest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
-        full = full && lowest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
+    bool keep = base + lane_id() < count, full = false;
+    if (count > 1 || !entries[list[0]].full()) {  // else there is nothing to find out
+      float nearest = 0.0f, farthest = kInfinity;
+      if (keep) {
+        const Entry& e = entries[list[base + lane_id()]];
+        full = true;
+        for (int k = 0; k < 3; ++k) {
+          keep = keep && highest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
+          full = full && lowest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
+        }
+        if (keep) nearest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, false);
+        if (full && !e.far()) farthest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, true);
       }
-      if (keep) nearest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, false);
-      if (full && !e.far()) farthest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, true);
+      region.far = min_of(region.far, bits_float(warp_min(float_bits(farthest))));  // depths are not negative: their bits are in order
+      keep = keep && nearest <= region.far;
+    } else {
+      full = true;
     }
-    region.far = min_of(region.far, bits_float(warp_min(float_bits(farthest))));  // depths are not negative: their bits are in order
     const unsigned whole = __ballot_sync(kAllLanes, full);
-    for (unsigned todo = __ballot_sync(kAllLanes, keep && nearest <= region.far); todo; todo &= todo - 1) {
+    for (unsigned todo = __ballot_sync(kAllLanes, keep); todo; todo &= todo - 1) {
       const int i = __ffs(todo) - 1;
       region.draw(entries[list[base + i]], whole >> i & 1, records);
     }
@@ -85,41 +118,81 @@ __device__ __forceinline__ void draw_all(Region& region, const Entry* entries, c
 // This warp's region of a patch.
 template <int kWarps>
 __device__ __forceinline__ Region region_of(const Frame& f, const Patch<kWarps>& p, float far) {
-  const int warp = threadIdx.x / kWarp;
+  const int warp = (int)(this_thread() / kWarp);
   Region region;
-  region.begin(f, p.bin_x, p.bin_y, warp % 4 * kRegion, p.top + warp / 4 * kRegion, far);
+  region.begin(f, p.bin_x * kBin + (warp & 3) * kRegion, p.bin_y * kBin + p.top + (warp >> 2) * kRegion, far);
   return region;
 }
 
-// Draws the patches of what `candidates` has that are this block's, by all of its threads. As many patches at once as there are threads to look at the candidates of each. What can be seen gathers in
-// shared memory; then each warp draws its region of each patch, the pixels in registers, mostly once. If more gathers than there is room for, the patches are drawn several times, each time
-// from what the last one left. drawn: the frame holds what has been drawn before.
-// Candidates: int count; int slot(int i), i < count; const Record* records; const uint32_t* boxes.
-template <int kWarps, Output kOutput, class Candidates>
-__device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& candidates, int room, bool drawn) {
+// The block's turn that begins with patch number `first`. By all threads; a barrier has to follow.
+template <int kWarps>
+__device__ __forceinline__ void begin_turn(const Frame& f, int first) {
+  PatchShared<kWarps>* const s = patch_shared<kWarps>();
+  if (this_thread() < kTurn) {
+    const int index = first + (int)(this_thread() * gridDim.x);
+    Patch<kWarps> patch = {Patch<kWarps>::kNowhere, 0, 0};
+    if (index < Patch<kWarps>::count(f.view)) patch = Patch<kWarps>::at(f.view, index);
+    s->at[this_thread()] = patch;
+    s->far[this_thread()] = float_bits(kInfinity);
+    s->list_count[this_thread()] = 0;
+  }
+  if (this_thread() == 0) {
+    s->first = first;
+    s->entry_count = 0;
+    s->touched = 0;
+    s->resumed = false;
+  }
+}
+
+// Makes entries of the candidates for the patches from `group` on, as many as there is room for. By all threads; ends with a barrier.
+template <int kWarps, class Candidates>
+__device__ __forceinline__ void gather(const Candidates& candidates, int group, int room) {
   constexpr int kThreads = kWarps * kWarp;
-  extern __shared__ __align__(16) char memory[];
-  PatchShared<kWarps>* const s = reinterpret_cast<PatchShared<kWarps>*>(memory);
-  const int count = candidates.count, patches = Patch<kWarps>::count(f.view);
-  int shift = 31 - __clz(kTurn);
-  while (shift > 0 && count << shift > kThreads) --shift;
-  const int together = 1 << shift, each = kThreads >> shift;  // patches at once, threads for one
-  const int own = (int)threadIdx.x >> (31 - __clz(each));  // the patch that this thread looks at candidates for
-  room = min_of(room, PatchShared<kWarps>::kMaxEntries);
-#pragma unroll 1
-  for (int first = blockIdx.x; first < patches; first += kTurn * gridDim.x) {
-    if (threadIdx.x < kTurn) {
-      const int index = first + (int)threadIdx.x * (int)gridDim.x;
-      Patch<kWarps> patch = {Patch<kWarps>::kNowhere, 0, 0};
-      if (index < patches) patch = Patch<kWarps>::at(f.view, index);
-      s->at[threadIdx.x] = patch;
-      s->far[threadIdx.x] = float_bits(kInfinity);
-    }
-    if (threadIdx.x == 0) s->touched = together > 1 ? ~0u : 0;
+  PatchShared<kWarps>* const s = patch_shared<kWarps>();
+  const int count = s->count, each = kThreads >> s->together;  // each: threads for a patch
+  const int own = group + (int)(this_thread() >> (31 - __clz(each))), bin_x = s->at[own].bin_x, bin_y = s->at[own].bin_y;
+  // This thread's next candidate in the bin of its patch, from i on.
+  const auto next = [&](int i) {
+    while (i < count && !in_box(candidates.boxes[candidates.slot(i)], bin_x, bin_y)) i += each;
+    return i;
+  };
+  int i = s->resumed ? s->cursor[this_thread()] : next((int)(this_thread() & (each - 1)));
+  bool more;
+  do {
+    Meeting m;
+    m.meets = false;
+    const int slot = i < count ? candidates.slot(i) : 0;
+    if (i < count) m = meet(candidates.records[slot], bin_x, bin_y, 0, s->at[own].top, kBin, Patch<kWarps>::kRows);
+    if (m.meets && m.farthest < kInfinity) atomicMin(&s->far[own], float_bits(m.farthest));
     __syncthreads();
-    if (together == 1) {  // many candidates: look at them once for all patches
+    // What a patch is covered by hides what lies behind. Only what is left takes room.
+    bool pending = false;
+    if (m.meets && m.nearest <= bits_float(s->far[own])) {
+      const int place = atomicAdd(&s->entry_count, 1);
+      pending = place >= room;
+      if (!pending) {
+        m.make_entry(candidates.records[slot], (uint32_t)slot, &s->entries[place]);
+        s->list[(own - group) * each + atomicAdd(&s->list_count[own], 1)] = (uint16_t)place;
+      }
+    }
+    if (i < count && !pending) i = next(i + each);
+    more = __syncthreads_or(i < count) && s->entry_count <= room;
+  } while (more);
+  if (s->entry_count > room) s->cursor[this_thread()] = i;
+}
+
+// Draws the patches that are this block's, by all of its threads. What can be seen gathers in shared memory; then each warp draws its region of each patch, the pixels in registers, mostly once. If more
+// gathers than there is room for, the patches are drawn several times, each time from what the last one left. Before: begin_turn(f, blockIdx.x), PatchShared::begin, a barrier.
+// kMany: there can be more candidates than half as many as threads. Candidates: int slot(int i); const Record* records; const uint32_t* boxes.
+template <int kWarps, Output kOutput, bool kMany, class Candidates>
+__device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& candidates, int room) {
+  constexpr int kThreads = kWarps * kWarp;
+  PatchShared<kWarps>* const s = patch_shared<kWarps>();
+  room = min_of(room, PatchShared<kWarps>::kMaxEntries);
+  for (;;) {
+    if (kMany && s->count > kThreads / 2) {  // look at them once for all patches
       unsigned touched = 0;
-      for (int i = threadIdx.x; i < count; i += kThreads) {
+      for (int i = (int)this_thread(); i < s->count; i += kThreads) {
         const uint32_t box = candidates.boxes[candidates.slot(i)];
 #pragma unroll
         for (int k = 0; k < kTurn; ++k) touched |= in_box(box, s->at[k].bin_x, s->at[k].bin_y) ? 1u << k : 0;
@@ -127,66 +200,45 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
       if (touched) atomicOr(&s->touched, touched);
       __syncthreads();
     }
+    int group = 0;
+    for (;;) {
+      if (kMany && *(volatile int*)&s->count > kThreads / 2)  // then a group is one patch
+        for (; group < kTurn && !(s->touched >> group & 1); ++group)
+          if (kOutput == Output::kWrite && !s->drawn && s->at[group].bin_x != Patch<kWarps>::kNowhere) region_of(f, s->at[group], kInfinity).store(f);
+      if (group >= kTurn || s->at[group].bin_x == Patch<kWarps>::kNowhere) break;
+      s->group = group;  // all write the same
+      gather<kWarps>(candidates, group, room);
 #pragma unroll 1
-    for (int group = 0; group < kTurn; group += together) {
-      if (s->at[group].bin_x == Patch<kWarps>::kNowhere) break;
-      if (!(s->touched >> group & 1)) {
-        if (kOutput == Output::kWrite && !drawn) region_of(f, s->at[group], kInfinity).store(f);
-        continue;
+      for (int k = 0; k < 1 << *(volatile int*)&s->together; ++k) {
+        const int number = *(volatile int*)&s->group + k;
+        const Patch<kWarps> p = s->at[number];
+        const int waiting = *(volatile int*)&s->list_count[number];
+        const bool again = *(volatile bool*)&s->drawn || *(volatile bool*)&s->resumed;
+        if (p.bin_x == Patch<kWarps>::kNowhere) break;
+        if (waiting == 0 && (kOutput == Output::kMerge || again)) continue;
+        Region region = region_of(f, p, bits_float(s->far[number]));
+        if (kOutput == Output::kWrite && again) region.load(f);
+        draw_all(region, s->entries, s->list + k * (kThreads >> *(volatile int*)&s->together), waiting, candidates.records);
+        if (kOutput == Output::kWrite)
+          region.store(f);
+        else
+          region.merge(f);
       }
-      const Patch<kWarps> patch = s->at[group + own];
-      // This thread's next candidate in the bin of its patch, from i on.
-      const auto next = [&](int i) {
-        while (i < count && !in_box(candidates.boxes[candidates.slot(i)], patch.bin_x, patch.bin_y)) i += each;
-        return i;
-      };
-      int i = next((int)threadIdx.x & (each - 1));
-      bool again = drawn, full_up;
-      do {
-        if ((int)threadIdx.x < together) s->list_count[threadIdx.x] = 0;
-        if (threadIdx.x == 0) s->entry_count = 0;
-        full_up = false;
-        bool more = __syncthreads_or(i < count);
-        while (more && !full_up) {
-          // What a patch is covered by hides what lies behind. Only what is left takes room.
-          Meeting m;
-          m.meets = false;
-          const int slot = i < count ? candidates.slot(i) : 0;
-          if (i < count) m = meet(candidates.records[slot], patch.bin_x, patch.bin_y, 0, patch.top, kBin, Patch<kWarps>::kRows);
-          if (m.meets && m.farthest < kInfinity) atomicMin(&s->far[group + own], float_bits(m.farthest));
-          __syncthreads();
-          bool pending = false;
-          if (m.meets && m.nearest <= bits_float(s->far[group + own])) {
-            const int place = atomicAdd(&s->entry_count, 1);
-            pending = place >= room;
-            if (!pending) {
-              m.make_entry(candidates.records[slot], (uint32_t)slot, &s->entries[place]);
-              s->list[own * each + atomicAdd(&s->list_count[own], 1)] = (uint16_t)place;
-            }
-          }
-          if (i < count && !pending) i = next(i + each);
-          more = __syncthreads_or(i < count);
-          full_up = s->entry_count > room;
-        }
-#pragma unroll 1
-        for (int k = 0; k < together; ++k) {
-          const Patch<kWarps> p = s->at[group + k];
-          const int waiting = s->list_count[k];
-          if (p.bin_x == Patch<kWarps>::kNowhere) break;
-          if (waiting == 0 && (kOutput == Output::kMerge || again)) continue;
-          Region region = region_of(f, p, bits_float(s->far[group + k]));
-          if (kOutput == Output::kWrite && again) region.load(f);
-          draw_all(region, s->entries, s->list + k * each, waiting, candidates.records);
-          if (kOutput == Output::kWrite)
-            region.store(f);
-          else
-            region.merge(f);
-        }
-        again = true;
-        __syncthreads();
-      } while (full_up);
+      const bool finished = *(volatile int*)&s->entry_count <= room;
+      group = *(volatile int*)&s->group + (finished ? 1 << *(volatile int*)&s->together : 0);
+      __syncthreads();
+      if (this_thread() < kTurn) s->list_count[this_thread()] = 0;
+      if (this_thread() == 0) {
+        s->entry_count = 0;
+        s->resumed = !finished;
+      }
+      __syncthreads();
     }
-    __syncthreads();  // nobody looks at these patches any more
+    const int first = *(volatile int*)&s->first + kTurn * (int)gridDim.x;
+    if (first >= Patch<kWarps>::count(f.view)) return;
+    __syncthreads();  // nobody looks at the patches of this turn any more
+    begin_turn<kWarps>(f, first);
+    __syncthreads();
   }
 }
 

@@ -26,49 +26,52 @@ __device__ __forceinline__ int computed_here(int v) {
 // A lane's pixels, and drawing into them.
 struct Region {
   int64_t best[kLanePixels];
-  int bin_x, bin_y, x, y;  // x, y: of the region, px from the bin's corner
+  int left, top;  // px
   float far;     // behind this depth nothing of the region can be seen
-  uint32_t cut;  // bits of the lane's pixels that the scissor leaves
+  uint32_t cut;  // bits of the lane's pixels that the scissor leaves, the first one highest
 
-  __device__ __forceinline__ int lane_x() const { return x + 2 * (lane_id() & 7); }
-  __device__ __forceinline__ int lane_y() const { return y + (lane_id() >> 3); }
+  static __device__ __forceinline__ uint32_t bit_of(int n) { return 1u << (kLanePixels - 1 - n); }
+  // px from the bin's corner
+  __device__ __forceinline__ int x() const { return left & (kBin - 1); }
+  __device__ __forceinline__ int y() const { return top & (kBin - 1); }
+  // The lane's first pixel, px
+  __device__ __forceinline__ int lane_left() const { return left + 2 * (lane_id() & 7); }
+  __device__ __forceinline__ int lane_top() const { return top + (lane_id() >> 3); }
 
-  __device__ __forceinline__ void begin(const Frame& f, int in_bin_x, int in_bin_y, int at_x, int at_y, float far_depth) {
-    bin_x = in_bin_x;
-    bin_y = in_bin_y;
-    x = at_x;
-    y = at_y;
+  __device__ __forceinline__ void begin(const Frame& f, int at_left, int at_top, float far_depth) {
+    left = at_left;
+    top = at_top;
     far = far_depth;
     cut = (1u << kLanePixels) - 1;
     for (int i = 0; i < kLanePixels; ++i) best[i] = kBackground;
-    const int left = bin_x * kBin + x, top = bin_y * kBin + y;
     if (left >= f.view.x0 && left + kRegion <= f.view.x1 && top >= f.view.y0 && top + kRegion <= f.view.y1) return;
     for (int i = 0; i < kLanePixels; ++i) {
-      const int px = bin_x * kBin + lane_x() + i % 2, py = bin_y * kBin + lane_y() + i / 2 * 4;
-      if (px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) cut &= ~(1u << i);
+      const int px = lane_left() + i % 2, py = lane_top() + i / 2 * 4;
+      if (px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) cut &= ~bit_of(i);
     }
   }
 
   __device__ __forceinline__ void draw(const Entry& e, bool full, const Record* records) {
     uint32_t covered = cut;
-    const int i = lane_x(), j = lane_y();
+    const int i = lane_left() & (kBin - 1), j = lane_top() & (kBin - 1);
     if (!full) {
       int32_t at[3], step[3];
       for (int k = 0; k < 3; ++k) {
         at[k] = e.edge[k].f + i * e.edge[k].sx + j * e.edge[k].sy;
         step[k] = 4 * e.edge[k].sy;
       }
-      uint32_t inside = 0;
+      uint32_t outside = 0;
 #pragma unroll
       for (int row = 0; row < 4; ++row) {
         const int32_t left = at[0] | at[1] | at[2], right = (at[0] + e.edge[0].sx) | (at[1] + e.edge[1].sx) | (at[2] + e.edge[2].sx);
-        inside |= (left >= 0 ? 1u : 0u) << (2 * row) | (right >= 0 ? 2u : 0u) << (2 * row);
+        outside = __funnelshift_l((uint32_t)right, __funnelshift_l((uint32_t)left, outside, 1), 1);  // sign bits
         for (int k = 0; k < 3; ++k) at[k] += step[k];
       }
-      covered &= inside;
+      covered &= ~outside;
     }
     if (e.thin() || e.far()) return draw_special(e, covered, records);
-    const double column = i, line = j;  // sums of small integers are exact, and cheaper than conversions
+    // Sums of small integers are exact, and cheaper than conversions. Not computed once for all entries: there are no registers to keep them in.
+    const double column = computed_here(i), line = computed_here(j);
     const double left = plane_column<double>(e.plane.dzdx, column), right = plane_column<double>(e.plane.dzdx, column + 1.0);
 #pragma unroll
     for (int row = 0; row < 4; ++row) {
@@ -77,7 +80,7 @@ struct Region {
       for (int c = 0; c < 2; ++c) {
         const int64_t packed = (int64_t)((uint64_t)float_bits(finish_depth(start + (c ? right : left), e.zmin, e.zmax)) << 32 | e.triangle);
         const int n = 2 * row + c;
-        if (covered >> n & 1 && packed < best[n]) best[n] = packed;
+        if ((covered & bit_of(n)) && packed < best[n]) best[n] = packed;
       }
     }
   }
@@ -86,10 +89,10 @@ struct Region {
   __device__ __forceinline__ void draw_special(const Entry& e, uint32_t covered, const Record* records) {
 #pragma unroll 1
     for (int n = 0; n < kLanePixels; ++n) {
-      if (!(covered >> n & 1)) continue;
-      const int i = lane_x() + n % 2, j = lane_y() + n / 2 * 4;
-      const float z = e.thin() ? thin_depth(records + e.slot(), bin_x * kBin + i, bin_y * kBin + j)
-                               : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j) + plane_column<double>(e.plane.dzdx, i), e.zmin, e.zmax);
+      if (!(covered & bit_of(n))) continue;
+      const int px = lane_left() + n % 2, py = lane_top() + n / 2 * 4;
+      const float z = e.thin() ? thin_depth(records + e.slot(), px, py)
+                               : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, py & (kBin - 1)) + plane_column<double>(e.plane.dzdx, px & (kBin - 1)), e.zmin, e.zmax);
       const int64_t packed = pack_fragment(z, e.triangle);
 #pragma unroll
       for (int m = 0; m < kLanePixels; ++m)
@@ -100,10 +103,10 @@ struct Region {
   // Calls use(index in best, offset in the image) for the lane's pixels on the screen.
   template <class Use>
   __device__ __forceinline__ void each(const Frame& f, const Use& use) const {
-    const int px = computed_here(bin_x * kBin + lane_x()), top = computed_here(bin_y * kBin + lane_y());
+    const int px = computed_here(lane_left()), first = computed_here(lane_top());
 #pragma unroll
     for (int row = 0; row < 4; ++row) {
-      const int py = top + 4 * row;
+      const int py = first + 4 * row;
       if (py >= f.view.height) break;
       const int64_t at = (int64_t)py * f.view.width + px;
       if (px < f.view.width) use(2 * row, at);
@@ -116,7 +119,7 @@ struct Region {
   }
 
   __device__ __forceinline__ void store(const Frame& f) const {
-    const int px = computed_here(bin_x * kBin + lane_x()), py = computed_here(bin_y * kBin + lane_y());
+    const int px = computed_here(lane_left()), py = computed_here(lane_top());
     if (wide_rows(f)) {
       int64_t* to = f.packed + (int64_t)py * f.view.width + px;
 #pragma unroll
