@@ -31,7 +31,6 @@ COLORS = {
     "bin_owned": "#0072B2",
     "two_stage": "#CC79A7",
     "persistent": "#009E73",
-    "bin_owned alone": "#8C564B",
     "bin_owned few": "#56B4E9",
     "bin_owned some": "#E69F00",
     "bin_owned many": "#D55E00",
@@ -41,7 +40,7 @@ COLORS = {
 }
 OTHERS = ("#F0E442", "#000000", "#332288", "#7F7F7F")  # of variants that have none
 PEERS = ("CuRast", "nvdiffrast")
-PATHS = ("bin_owned alone", "bin_owned few", "bin_owned some", "bin_owned many")
+PATHS = ("bin_owned few", "bin_owned some", "bin_owned many")
 FASTER = 1.03  # by how much another way has to be faster to count as a change
 
 

@@ -9,7 +9,7 @@ of 100 px to one over all of it; and four layers over 1920x1080 of 2 to 100,000 
 * `threshold`: four layers over 1920x1080 of triangles of 10 to 30,000 px, with the bbox above which a triangle is queued from 0
 to 10^9 px: bin_owned's path for many, and the other variants.
 
-A way is a variant, or `bin_owned` kept to one of its paths by `bigtri.native.cuda_tuning`: alone, few, some, many. Time is the
+A way is a variant, or `bin_owned` kept to one of its paths by `bigtri.native.cuda_tuning`: few, some, many. Time is the
 median of graph replays (cuda_clock.py). A way that takes more than 50 ms is left out of the rest of its curve, and so is one that
 would by its growth. Images are compared with the CPU's up to 2^24 px and 2,000,000 triangles, above that with the first way's.
 
@@ -45,12 +45,11 @@ GUESS = 4  # a way is tried while its time, grown with the number of triangles, 
 MAX_BYTES = 8 << 30
 CPU_PIXELS, CPU_TRIANGLES = 1 << 24, 2_000_000  # up to here an image is compared with the CPU's
 PATHS = {
-    "alone": {"alone": 65536},
-    "few": {"alone": 0, "few": 65536},
-    "some": {"alone": 0, "few": 0, "some": 65536},
-    "many": {"alone": 0, "few": 0, "some": 0},
+    "few": {"few": 65536},
+    "some": {"few": 0, "some": 65536},
+    "many": {"few": 0, "some": 0},
 }
-MOST = {"some": 65536}  # triangles beyond which the path cannot be had
+MOST = {"few": 256, "some": 65536}  # triangles beyond which the path cannot be had
 THRESHOLDS = (0, 256, 1000, 4000, 16000, 10**9)  # px of bbox
 AT_LEAST = 15  # repeats
 

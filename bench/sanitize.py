@@ -22,20 +22,18 @@ from bigtri import native, scenes
 
 PATHS: dict[str, dict[str, int]] = {
     "as it is": {},
-    "alone": {"alone": 65536},
-    "few": {"alone": 0, "few": 65536},
-    "some": {"alone": 0, "few": 0, "some": 65536},
-    "many": {"alone": 0, "few": 0, "some": 0},
-    "many, queue 1": {"alone": 0, "few": 0, "some": 0, "queue": 1},
-    "many, threshold 0": {"alone": 0, "few": 0, "some": 0, "threshold": 0},
-    "many, threshold 10^9": {"alone": 0, "few": 0, "some": 0, "threshold": 10**9},
-    "alone, entries 1": {"alone": 65536, "entries": 1},
-    "few, entries 1": {"alone": 0, "few": 65536, "entries": 1},
-    "some, entries 1, 4 warps": {"alone": 0, "few": 0, "some": 65536, "entries": 1, "warps": 4},
-    "few, 8 warps": {"alone": 0, "few": 65536, "warps": 8},
+    "few": {"few": 65536},
+    "some": {"few": 0, "some": 65536},
+    "many": {"few": 0, "some": 0},
+    "many, queue 1": {"few": 0, "some": 0, "queue": 1},
+    "many, threshold 0": {"few": 0, "some": 0, "threshold": 0},
+    "many, threshold 10^9": {"few": 0, "some": 0, "threshold": 10**9},
+    "few, entries 1": {"few": 65536, "entries": 1},
+    "some, entries 1, 4 warps": {"few": 0, "some": 65536, "entries": 1, "warps": 4},
+    "few, 8 warps": {"few": 65536, "warps": 8},
     "one block": {"blocks": 1},
 }
-QUICK = ("as it is", "alone", "few", "some", "many", "many, queue 1")
+QUICK = ("as it is", "few", "some", "many", "many, queue 1")
 CULLS = ("none", "back")
 
 

@@ -21,10 +21,9 @@ needs_cuda = pytest.mark.skipif("cuda" not in native.devices(), reason="no CUDA 
 # Launch settings under which a scene of any size takes another way through the kernels.
 PATHS: dict[str, dict[str, int]] = {
     "default": {},
-    "alone": {"alone": 65536},
-    "few": {"alone": 0, "few": 65536},
-    "some": {"alone": 0, "few": 0, "some": 65536},
-    "many": {"alone": 0, "few": 0, "some": 0},
+    "few": {"few": 65536},
+    "some": {"few": 0, "some": 65536},
+    "many": {"few": 0, "some": 0},
 }
 Scissor = tuple[int, int, int, int]
 

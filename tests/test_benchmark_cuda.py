@@ -283,7 +283,7 @@ def test_without_a_gpu_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_ways() -> None:
     names = [way.name for way in cuda_scaling.ways(("bin_owned", "persistent"))]
-    assert names == ["bin_owned", "persistent", "bin_owned alone", "bin_owned few", "bin_owned some", "bin_owned many"]
+    assert names == ["bin_owned", "persistent", "bin_owned few", "bin_owned some", "bin_owned many"]
     assert all(set(way.tuning) <= set(native.CudaTuning._fields) for way in cuda_scaling.ways(("bin_owned",)))
 
 
@@ -291,13 +291,13 @@ def test_limits() -> None:
     few, some, many = (cuda_scaling.Way("bin_owned", path, {}) for path in ("few", "some", "many"))
     point = cuda_scaling.Point("count", "mesh", 10, 8, 8, lambda: None)
     limits = cuda_scaling.Limits()
-    assert limits.allows(point, few, 10**7)  # nothing is known
-    assert not limits.allows(point, some, 65537)
-    limits.saw(point, few, 1000, 1_000.0)
-    assert limits.allows(point, few, 100_000) and not limits.allows(point, few, 10**6)
-    limits.saw(point, many, 1000, cuda_scaling.LIMIT + 1)
-    assert not limits.allows(point, many, 1000)
-    assert limits.allows(point._replace(kind="other"), many, 1000)
+    assert limits.allows(point, many, 10**7)  # nothing is known
+    assert not limits.allows(point, few, 257) and not limits.allows(point, some, 65537)
+    limits.saw(point, many, 1000, 1_000.0)
+    assert limits.allows(point, many, 100_000) and not limits.allows(point, many, 10**6)
+    limits.saw(point, some, 1000, cuda_scaling.LIMIT + 1)
+    assert not limits.allows(point, some, 1000)
+    assert limits.allows(point._replace(kind="other"), some, 1000)
     threshold = point._replace(curve="threshold")
     assert limits.allows(threshold, many, 1000) and not limits.allows(threshold, few, 1000)
 

@@ -238,13 +238,11 @@ def test_triangles_without_vertices_are_all_dropped(variant, path):
 
 # Values of every field of CudaTuning; None is the default. Each by itself, then random combinations, others for every scene.
 SETTINGS: dict[str, tuple[int | None, ...]] = {
-    "alone": (None, 0, 1, 65536),
     "few": (None, 0, 1, 64, 65536),
     "some": (None, 0, 65536),
     "warps": (None, 4, 8, 16),
     "blocks": (0, 1, 3, 1000),
-    "entries": (None, 1, 2, 512),
-    "fill": (0, 1, None, 1000),
+    "entries": (None, 1, 2, 352),
     "queue": (None, 1, 2),
     "threshold": (0, 64, 4000, 10**9),
 }
@@ -287,13 +285,10 @@ def test_settings_are_restored():
     for wrong in (
         {"warps": 5},
         {"entries": 0},
-        {"entries": 513},
-        {"fill": -1},
-        {"fill": 65537},
+        {"entries": 353},
         {"queue": 0},
         {"blocks": -1},
         {"few": -1},
-        {"alone": 2**17},
         {"some": 2**17},
     ):
         with pytest.raises(RuntimeError, match="set_cuda_tuning"), native.cuda_tuning(**wrong):
@@ -307,10 +302,10 @@ def test_settings_are_restored():
 
 REPEATED = {
     **PATHS,
-    "tiny queue": {"alone": 0, "few": 0, "some": 0, "queue": 3},
-    "tiny lists": {"alone": 0, "few": 65536, "entries": 2},
-    "all queued": {"alone": 0, "few": 0, "some": 0, "threshold": 0, "entries": 7},
-    "nothing queued": {"alone": 0, "few": 0, "some": 0, "threshold": 10**9},
+    "tiny queue": {"few": 0, "some": 0, "queue": 3},
+    "tiny lists": {"few": 65536, "entries": 2},
+    "all queued": {"few": 0, "some": 0, "threshold": 0, "entries": 7},
+    "nothing queued": {"few": 0, "some": 0, "threshold": 10**9},
 }
 
 

@@ -36,10 +36,14 @@ struct CellPlane {
   double zcell, dzdx, dzdy;
 };
 
-// The nearest (farthest) depth over the pixels from (i, j) to (i + last_x, j + last_y) of the cell: at a corner, with the pixels' own arithmetic, so exact.
-BIGTRI_HD float corner_depth(const CellPlane& p, float zmin, float zmax, int i, int j, int last_x, int last_y, bool farthest) {
+// The plane's nearest (farthest) value over the pixels from (i, j) to (i + last_x, j + last_y) of the cell: at a corner, with the pixels' own arithmetic, so exact.
+BIGTRI_HD double corner_plane(const CellPlane& p, int i, int j, int last_x, int last_y, bool farthest) {
   const int x = (p.dzdx < 0) != farthest ? i + last_x : i, y = (p.dzdy < 0) != farthest ? j + last_y : j;
-  return finish_depth(plane_row<double>(p.zcell, p.dzdy, y) + plane_column<double>(p.dzdx, x), zmin, zmax);
+  return plane_row<double>(p.zcell, p.dzdy, y) + plane_column<double>(p.dzdx, x);
+}
+
+BIGTRI_HD float corner_depth(const CellPlane& p, float zmin, float zmax, int i, int j, int last_x, int last_y, bool farthest) {
+  return finish_depth(corner_plane(p, i, j, last_x, last_y, farthest), zmin, zmax);
 }
 
 BIGTRI_HD int32_t absolute(int32_t v) { return v < 0 ? -v : v; }

@@ -28,7 +28,7 @@ struct FewShared {
   uint16_t waiting[2][kMost];  // triangles to clip: those of this round, and those whose parts find no room in it
   int waiting_count[2];
   int record_count;  // asked for
-  int record_end;    // given
+  int record_end;  // given
   int round;
   __device__ FewShared() {}
 };
@@ -232,7 +232,7 @@ constexpr int kSliverThreads = 128;
 __global__ void __launch_bounds__(kSliverThreads, 8) draw_slivers(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
   __shared__ SliverShared shared;
   let_next_begin();
-  wait_for_previous();
+  // The kernel in front has let this one begin after it had waited itself, so the records are there; its pixels may not be, and draw_sliver waits for them.
   const RecordCandidates candidates(r);
   draw_all_slivers(f, candidates.count(), &shared, [&](int i) {
     const int slot = candidates.slot(i);

@@ -28,21 +28,23 @@ struct Entry {
   NarrowEdge edge[3];  // from the bin's first pixel
   float zmin, zmax;
   uint32_t triangle;
-  uint32_t info;  // slot of the record << 4 | whether it covers the area entered for << 3 | its flags
+  uint32_t info;  // slot of the record << 5 | whether its plane needs no clamp in the area entered for << 4 | whether it covers that << 3 | its flags
   float nearest;  // depth in that area
 
   __device__ __forceinline__ bool thin() const { return info & kRecordThin; }
   __device__ __forceinline__ bool far() const { return info & kRecordFar; }
   __device__ __forceinline__ bool full() const { return info & kEntryFull; }
-  __device__ __forceinline__ uint32_t slot() const { return info >> 4; }
-  static constexpr uint32_t kEntryFull = 8;
+  __device__ __forceinline__ uint32_t slot() const { return info >> 5; }
+  __device__ __forceinline__ bool plain() const { return info & kEntryPlain; }
+  static constexpr uint32_t kEntryFull = 8, kEntryPlain = 16;
 };
 static_assert(kRecordLarge < 8 && kRecordThin < 8 && kRecordFar < 8, "flags fit beside the slot");
 
 // What a record and an area of a bin have to do with each other.
 struct Meeting {
   bool meets;
-  bool full;  // covers all of it
+  bool full;   // covers all of it
+  bool plain;  // finish_depth changes nothing but the type there
   float nearest;  // its nearest depth there
   float farthest;  // the farthest one where it covers all of the area and so hides what lies behind, else infinity
   int32_t f[3];  // of its edges in the bin, with steps of 0 where bit k of `constant` says so: NarrowEdge
@@ -59,7 +61,7 @@ struct Meeting {
     e->zmin = r.zmin;
     e->zmax = r.zmax;
     e->triangle = r.triangle;
-    e->info = slot << 4 | (full ? Entry::kEntryFull : 0) | r.flags;
+    e->info = slot << 5 | (plain ? Entry::kEntryPlain : 0) | (full ? Entry::kEntryFull : 0) | r.flags;
     e->nearest = nearest;
   }
 };
@@ -69,6 +71,7 @@ __device__ __forceinline__ Meeting meet(const Record& r, int bin_x, int bin_y, i
   Meeting m;
   m.meets = false;
   m.full = true;
+  m.plain = false;
   m.constant = 0;
   double g[3];
   for (int k = 0; k < 3; ++k) {
@@ -95,8 +98,10 @@ __device__ __forceinline__ Meeting meet(const Record& r, int bin_x, int bin_y, i
   if (!(r.flags & kRecordThin)) {
     m.zcell = weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], divisor((double)r.area));
     const CellPlane plane = {m.zcell, r.dzdx, r.dzdy};
-    m.nearest = corner_depth(plane, r.zmin, r.zmax, left, top, columns - 1, rows - 1, false);
-    m.farthest = corner_depth(plane, r.zmin, r.zmax, left, top, columns - 1, rows - 1, true);
+    const double nearest = corner_plane(plane, left, top, columns - 1, rows - 1, false), farthest = corner_plane(plane, left, top, columns - 1, rows - 1, true);
+    m.nearest = finish_depth(nearest, r.zmin, r.zmax);
+    m.farthest = finish_depth(farthest, r.zmin, r.zmax);
+    m.plain = r.zmin > 0.0f && r.zmax <= 1.0f && (float)nearest >= r.zmin && (float)farthest <= r.zmax;
   }
   if (!hides) m.farthest = kInfinity;
   return m;
@@ -116,7 +121,9 @@ __device__ __forceinline__ float bound_depth(const Entry& e, int x, int y, int l
 }
 
 // Depth of pixel (x, y) of the image of a thin record. A call, so that its registers cost the others nothing.
-__device__ __noinline__ float thin_depth(const Record* r, int x, int y) { return finish_depth(depth_at(r->x, r->y, r->z, divisor((double)r->area), x, y), r->zmin, r->zmax); }
+__device__ __noinline__ float thin_depth(const Record* r, int x, int y) {
+  return finish_depth(depth_at(r->x, r->y, r->z, divisor((double)r->area), x, y), r->zmin, r->zmax);
+}
 
 // 64 bits at once; the background is the same minimum signed and unsigned.
 __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, bool read_first) {

@@ -85,8 +85,8 @@ __device__ __forceinline__ PatchShared<kWarps>* patch_shared() {
 
 enum class Output { kWrite, kMerge };  // alone on the frame, or beside others
 
-// Draws entries into a region: what misses it or lies behind it first falls out, an entry a lane.
-__device__ __forceinline__ void draw_all(Region& region, const Entry* entries, const uint16_t* list, int count, const Record* records) {
+// Draws entries into a region: what misses it or lies behind it first falls out, an entry a lane. empty: the region holds nothing yet.
+__device__ __forceinline__ void draw_all(Region& region, const Entry* entries, const uint16_t* list, int count, bool empty, const Record* records) {
   const int x = region.x(), y = region.y();
   for (int base = 0; base < count; base += kWarp) {
     bool keep = base + lane_id() < count, full = false;
@@ -110,15 +110,15 @@ __device__ __forceinline__ void draw_all(Region& region, const Entry* entries, c
     const unsigned whole = __ballot_sync(kAllLanes, full);
     for (unsigned todo = __ballot_sync(kAllLanes, keep); todo; todo &= todo - 1) {
       const int i = __ffs(todo) - 1;
-      region.draw(entries[list[base + i]], whole >> i & 1, records);
+      region.draw(entries[list[base + i]], whole >> i & 1, empty, records);
+      empty = false;
     }
   }
 }
 
-// This warp's region of a patch.
+// A warp's region of a patch.
 template <int kWarps>
-__device__ __forceinline__ Region region_of(const Frame& f, const Patch<kWarps>& p, float far) {
-  const int warp = (int)(this_thread() / kWarp);
+__device__ __forceinline__ Region region_of(const Frame& f, const Patch<kWarps>& p, int warp, float far) {
   Region region;
   region.begin(f, p.bin_x * kBin + (warp & 3) * kRegion, p.bin_y * kBin + p.top + (warp >> 2) * kRegion, far);
   return region;
@@ -204,7 +204,8 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
     for (;;) {
       if (kMany && *(volatile int*)&s->count > kThreads / 2)  // then a group is one patch
         for (; group < kTurn && !(s->touched >> group & 1); ++group)
-          if (kOutput == Output::kWrite && !s->drawn && s->at[group].bin_x != Patch<kWarps>::kNowhere) region_of(f, s->at[group], kInfinity).store(f);
+          if (kOutput == Output::kWrite && !s->drawn && s->at[group].bin_x != Patch<kWarps>::kNowhere)
+            region_of(f, s->at[group], (int)(this_thread() / kWarp), kInfinity).store(f);
       if (group >= kTurn || s->at[group].bin_x == Patch<kWarps>::kNowhere) break;
       s->group = group;  // all write the same
       gather<kWarps>(candidates, group, room);
@@ -216,9 +217,10 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
         const bool again = *(volatile bool*)&s->drawn || *(volatile bool*)&s->resumed;
         if (p.bin_x == Patch<kWarps>::kNowhere) break;
         if (waiting == 0 && (kOutput == Output::kMerge || again)) continue;
-        Region region = region_of(f, p, bits_float(s->far[number]));
+        Region region = region_of(f, p, (int)(this_thread() / kWarp), bits_float(s->far[number]));
         if (kOutput == Output::kWrite && again) region.load(f);
-        draw_all(region, s->entries, s->list + k * (kThreads >> *(volatile int*)&s->together), waiting, candidates.records);
+        draw_all(region, s->entries, s->list + k * (kThreads >> *(volatile int*)&s->together), waiting, kOutput == Output::kMerge || !again,
+                 candidates.records);
         if (kOutput == Output::kWrite)
           region.store(f);
         else

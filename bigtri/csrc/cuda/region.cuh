@@ -51,7 +51,8 @@ struct Region {
     }
   }
 
-  __device__ __forceinline__ void draw(const Entry& e, bool full, const Record* records) {
+  // first: nothing has been drawn here yet.
+  __device__ __forceinline__ void draw(const Entry& e, bool full, bool first, const Record* records) {
     uint32_t covered = cut;
     const int i = lane_left() & (kBin - 1), j = lane_top() & (kBin - 1);
     if (!full) {
@@ -73,6 +74,16 @@ struct Region {
     // Sums of small integers are exact, and cheaper than conversions. Not computed once for all entries: there are no registers to keep them in.
     const double column = computed_here(i), line = computed_here(j);
     const double left = plane_column<double>(e.plane.dzdx, column), right = plane_column<double>(e.plane.dzdx, column + 1.0);
+    if (first && e.plain()) {  // as most of large triangles
+#pragma unroll
+      for (int row = 0; row < 4; ++row) {
+        const double start = plane_row<double>(e.plane.zcell, e.plane.dzdy, line + 4.0 * row);
+#pragma unroll
+        for (int c = 0; c < 2; ++c)
+          if (covered & bit_of(2 * row + c)) best[2 * row + c] = (int64_t)((uint64_t)float_bits((float)(start + (c ? right : left))) << 32 | e.triangle);
+      }
+      return;
+    }
 #pragma unroll
     for (int row = 0; row < 4; ++row) {
       const double start = plane_row<double>(e.plane.zcell, e.plane.dzdy, line + 4.0 * row);
@@ -91,8 +102,10 @@ struct Region {
     for (int n = 0; n < kLanePixels; ++n) {
       if (!(covered & bit_of(n))) continue;
       const int px = lane_left() + n % 2, py = lane_top() + n / 2 * 4;
-      const float z = e.thin() ? thin_depth(records + e.slot(), px, py)
-                               : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, py & (kBin - 1)) + plane_column<double>(e.plane.dzdx, px & (kBin - 1)), e.zmin, e.zmax);
+      const float z = e.thin()
+                          ? thin_depth(records + e.slot(), px, py)
+                          : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, py & (kBin - 1)) + plane_column<double>(e.plane.dzdx, px & (kBin - 1)),
+                                         e.zmin, e.zmax);
       const int64_t packed = pack_fragment(z, e.triangle);
 #pragma unroll
       for (int m = 0; m < kLanePixels; ++m)

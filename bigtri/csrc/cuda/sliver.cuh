@@ -2,12 +2,13 @@
 #pragma once
 
 #include "fragment.cuh"
+#include "launch.cuh"
 
 namespace bigtri {
 namespace {
 
 constexpr int kSliverLines = 64;  // px; shorter ones are not worth the trouble
-constexpr int kSliverWidth = 4;   // px, on average, at most
+constexpr int kSliverWidth = 4;  // px, on average, at most
 
 __device__ __forceinline__ bool is_sliver(const Primitive& p) {
   return max_of(p.x1 - p.x0, p.y1 - p.y0) >= kSliverLines && p.area <= (int64_t)(2 * kSliverWidth * kSubpixel) * extent_of(p);
@@ -19,12 +20,6 @@ constexpr int kSliverChunk = kSliverCells * kBin;  // px
 
 // Chunks that any sliver of a frame can have.
 __host__ __device__ inline int sliver_chunks(const Viewport& v) { return (max_of(v.width, v.height) + kSliverChunk - 1) / kSliverChunk; }
-
-// Shared memory of a block: the planes of the cells that a chunk meets, by their anchors.
-struct SliverShared {
-  double zcell[kSliverCells][kSliverRows];
-  int row[kSliverCells];  // the first
-};
 
 // Where line n of a chunk crosses an edge: first + next * n, in pixels across, counted so that rounding up gives the first pixel inside where lines enter there, and minus the last one where they
 // leave. Minus infinity, which bounds nothing, where that would not be exact.
@@ -48,6 +43,13 @@ __device__ __forceinline__ Crossing crossing_of(int64_t f, int32_t step, int32_t
   }
   return c;
 }
+
+// Shared memory of a block: where a chunk's lines cross the edges, and the planes of the cells that it meets, by their anchors.
+struct SliverShared {
+  Crossing crossing[3];
+  double zcell[kSliverCells][kSliverRows];
+  int row[kSliverCells];  // the first
+};
 
 __device__ __forceinline__ int32_t extent(const int32_t v[3]) { return max_of(max_of(v[0], v[1]), v[2]) - min_of(min_of(v[0], v[1]), v[2]); }
 
@@ -78,13 +80,13 @@ __device__ __noinline__ void draw_sliver(const Frame& f, const Record* record, i
   const int begin = max_of(chunk * kSliverChunk, kWide ? r.x0 : r.y0), lines = min_of((chunk + 1) * kSliverChunk, kWide ? r.x1 : r.y1) - begin;
   if (lines <= 0) return;
   const int low = kWide ? r.y0 : r.x0, end = (kWide ? r.y1 : r.x1) - low;  // pixels of a line
-  Crossing crossing[3];
-  bool exact = !(r.flags & kRecordThin);  // and all crossings are
-  for (int k = 0; k < 3; ++k) {
-    const Edge e = edge_of(r.x, r.y, k);
-    crossing[k] = crossing_of(edge_steps(e, kWide ? begin : low, kWide ? low : begin), kWide ? e.dx : -e.dy, kWide ? -e.dy : e.dx);
-    exact = exact && crossing[k].exact;
+  if (threadIdx.x < 3) {
+    const Edge e = edge_of(r.x, r.y, (int)threadIdx.x);
+    s->crossing[threadIdx.x] = crossing_of(edge_steps(e, kWide ? begin : low, kWide ? low : begin), kWide ? e.dx : -e.dy, kWide ? -e.dy : e.dx);
   }
+  __syncthreads();
+  const Crossing* const crossing = s->crossing;
+  const bool exact = !(r.flags & kRecordThin) && crossing[0].exact && crossing[1].exact && crossing[2].exact;
   // Of line n: the first pixel, at most `end`, and the last.
   const auto span = [&](int n, int* from, int* last) {
     *from = 0;
@@ -110,6 +112,7 @@ __device__ __noinline__ void draw_sliver(const Frame& f, const Record* record, i
     if (which == 0) s->row[column] = row;
   }
   __syncthreads();
+  wait_for_previous();
   const double dzdx = r.dzdx, dzdy = r.dzdy;
   const float zmin = r.zmin, zmax = r.zmax;
   const uint32_t triangle = r.triangle;
@@ -133,7 +136,8 @@ __device__ __noinline__ void draw_sliver(const Frame& f, const Record* record, i
 #pragma unroll 1
     for (int m = from; m <= last; ++m) {
       const int in_cell = m & (kBin - 1);
-      const double z = plane_row<double>(zcell[m >> kBinBits], dzdy, kWide ? in_cell : line_in_cell) + plane_column<double>(dzdx, kWide ? line_in_cell : in_cell);
+      const double z =
+          plane_row<double>(zcell[m >> kBinBits], dzdy, kWide ? in_cell : line_in_cell) + plane_column<double>(dzdx, kWide ? line_in_cell : in_cell);
       const int at = kWide ? m * width + line : line * width + m;
       keep_nearest(packed + (uint32_t)at, pack_fragment(finish_depth(z, zmin, zmax), triangle), false);
     }
