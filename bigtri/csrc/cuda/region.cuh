@@ -12,9 +12,9 @@ constexpr int kLanePixels = 8;    // two next to each other in each of four rows
 // Whether two pixels can be stored at once wherever x is even.
 __device__ __forceinline__ bool wide_rows(const Frame& f) { return f.view.width % 2 == 0 && ((uintptr_t)f.packed & 15) == 0; }
 
-// In one instruction: the compiler would make two of most.
+// In one instruction: the compiler would make two of most. Streaming: nobody here reads them again, and lines that leave the cache first in the order in which they came are written out faster.
 __device__ __forceinline__ void store_pair(int64_t* to, int64_t a, int64_t b) {
-  asm volatile("st.global.v2.s64 [%0], {%1, %2};" ::"l"(to), "l"(a), "l"(b) : "memory");
+  asm volatile("st.global.cs.v2.s64 [%0], {%1, %2};" ::"l"(to), "l"(a), "l"(b) : "memory");
 }
 
 // The same number, which the compiler can compute nothing from before this place: what would wait in a register, or out of one, while a region is drawn.
@@ -139,9 +139,9 @@ struct Region {
       for (int row = 0; row < 4; ++row, to += 4 * (int64_t)f.view.width)
         if (px < f.view.width && py + 4 * row < f.view.height) store_pair(to, best[2 * row], best[2 * row + 1]);
     } else {
-      each(f, [&](int n, int64_t at) { f.packed[at] = best[n]; });
+      each(f, [&](int n, int64_t at) { __stcs(reinterpret_cast<long long*>(f.packed) + at, (long long)best[n]); });
     }
-    if (f.depth) each(f, [&](int n, int64_t at) { f.depth[at] = depth_of(best[n]); });
+    if (f.depth) each(f, [&](int n, int64_t at) { __stcs(f.depth + at, depth_of(best[n])); });
   }
 
   // Where others draw at the same time.
