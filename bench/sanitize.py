@@ -22,18 +22,18 @@ from bigtri import native, scenes
 
 PATHS: dict[str, dict[str, int]] = {
     "as it is": {},
-    "few": {"few": 65536},
     "some": {"few": 0, "some": 65536},
     "many": {"few": 0, "some": 0},
     "many, queue 1": {"few": 0, "some": 0, "queue": 1},
     "many, threshold 0": {"few": 0, "some": 0, "threshold": 0},
     "many, threshold 10^9": {"few": 0, "some": 0, "threshold": 10**9},
-    "few, entries 1": {"few": 65536, "entries": 1},
+    "entries 1": {"entries": 1},
     "some, entries 1, 4 warps": {"few": 0, "some": 65536, "entries": 1, "warps": 4},
-    "few, 8 warps": {"few": 65536, "warps": 8},
+    "4 warps": {"warps": 4},
+    "8 warps": {"warps": 8},
     "one block": {"blocks": 1},
 }
-QUICK = ("as it is", "few", "some", "many", "many, queue 1")
+QUICK = ("as it is", "some", "many", "many, queue 1", "entries 1")
 CULLS = ("none", "back")
 
 

@@ -203,6 +203,120 @@ def crowded(rng: np.random.Generator) -> Case:
     return soup(corners, (140, 150))
 
 
+def small_on_cells(rng: np.random.Generator) -> Case:
+    """Up to 17 px a side over the borders of cells, steep, some beyond z = 1: edges on pixel centres, level and upright ones."""
+    count = 380
+    side = rng.choice([1, 2, 3, 7, 8, 15, 16], (count, 1, 2))
+    at_border = rng.choice([64, 128, 192], (count, 1, 2)) - rng.integers(0, side + 1)
+    corner = np.where(rng.random((count, 1, 2)) < 0.6, at_border, rng.integers(0, 240, (count, 1, 2)))
+    inside = rng.integers(0, side + 1, (count, 3, 2))
+    inside[:, 0] *= rng.integers(0, 2, (count, 2))
+    inside[:, 1] = np.where(rng.random((count, 2)) < 0.8, side[:, 0], inside[:, 1])
+    level = rng.random((count, 2)) < 0.3
+    inside[:, 2] = np.where(level, inside[:, 0], inside[:, 2])
+    xy = corner + inside + rng.choice([0, 0.5, 0.5, 0.5 + 1 / 256, 0.5 - 1 / 256], (count, 1, 2))
+    xy += rng.choice([0, 0, 0, 0, 1 / 256, -1 / 256], xy.shape)
+    return from_pixels(xy, rng.uniform(0, 1, (count, 3)) * rng.choice([1, 1, 1, 1.2], (count, 1)), (256, 256))
+
+
+def mesh_of_small(rng: np.random.Generator) -> Case:
+    """A mesh of 11 px triangles: vertices of several triangles each, with a w of their own, more than one block has threads."""
+    n = 18
+    gx, gy = np.meshgrid(np.arange(n), np.arange(n))
+    xy = np.stack([gx, gy], axis=-1) * 11 + rng.integers(-3, 4, (n, n, 2)) + rng.choice([0, 0.5, 0.25], (n, n, 2))
+    case = from_pixels(xy.reshape(-1, 1, 2), rng.uniform(0.01, 0.99, (n * n, 1)), (190, 189))
+    k = (gy * n + gx).astype(np.int32)
+    a, b, c, d = k[:-1, :-1], k[:-1, 1:], k[1:, :-1], k[1:, 1:]
+    triangles = np.stack([np.stack([a, b, d], axis=-1), np.stack([a, d, c], axis=-1)]).reshape(-1, 3)
+    w = rng.choice([1, 0.75, 49, 103], (n * n, 1)).astype(np.float32)
+    return Case(case.positions * w, np.ascontiguousarray(rng.permutation(triangles)), case.resolution)
+
+
+def small_by_the_screen(rng: np.random.Generator) -> Case:
+    """Of triangles of about 32 px, and up to 1000, the screen leaves 16 px and less; their edges go through pixel centres."""
+    count, size = 240, 128
+    long = rng.choice([31, 32 - 1 / 256, 32, 32 + 1 / 256, 33, 48, 64, 256, 1000], (count, 1))
+    slant = rng.choice([0, 0, 1, -1, 2, 8, -8], (count, 1))
+    near = rng.integers(0, 12, (count, 2)) + 0.5 + np.where(rng.random((count, 1)) < 0.3, [0, 50], [0, 0])
+    out = np.concatenate([-long, slant], axis=1)
+    beside = near + rng.integers(-4, 11, (count, 2))
+    beside += out * rng.choice([0, 0, 1], (count, 1))
+    xy = np.stack([near, near + out, beside], axis=1)
+    xy = np.where(rng.random((count, 1, 2)) < 0.5, xy, size - xy)
+    xy = np.where(rng.random((count, 1, 1)) < 0.5, xy, xy[..., ::-1])
+    return from_pixels(xy, rng.uniform(0.05, 0.95, (count, 3)), (size, size))
+
+
+def long_slivers(rng: np.random.Generator) -> Case:
+    """64 px and longer, about 4 px wide on average and narrower, edges through pixel centres, and ends cut nearly straight.
+
+    Near the axes and on the diagonals, so that they cross cells at their borders; more than the size of the image, some of
+    65,000 px, whose edges miss a pixel centre by the least there is; with their widest place in the middle; and thin ones.
+    """
+    count, size = 320, 256
+    kind = np.arange(count) % 5
+    first = rng.integers(-20, 200, (count, 2)) + 0.5
+    length = rng.integers(64, 230, (count, 1))
+    across = rng.choice([0, 1, -1, 3, -5], (count, 1))
+    step = np.concatenate([length, np.where(rng.random((count, 1)) < 0.4, length + across, across)], axis=1)
+    last = first + step
+    # The ends of very long ones: from a pixel centre on the screen by the same step both ways, or by others.
+    m = np.concatenate([rng.integers(150, 200, (count, 1)), rng.integers(-150, 150, (count, 1))], axis=1)
+    centre = rng.integers(60, 200, (count, 2)) + 0.5
+    far = (kind == 3)[:, None]
+    first = np.where(far, centre - m * rng.integers(1, 150, (count, 1)), first)
+    last = np.where(far, centre + m * rng.integers(100, 150, (count, 1)), last)
+    width = rng.choice([1, 2, 4, 7, 8 - 1 / 256, 8, 8 + 1 / 256], (count, 1))
+    upright = np.concatenate([rng.choice([0, 1, -2, 5], (count, 1)) / 256, width], axis=1)
+    middle = (last - first) * (rng.integers(1, 8, (count, 1)) / 8) // 1
+    third = np.where((kind == 1)[:, None], first + middle + [0, 1] * np.ceil(width), last + upright)
+    third = np.where((kind == 2)[:, None], last + rng.integers(-7, 8, (count, 2)), third)
+    third = np.where((kind == 4)[:, None], last + rng.integers(1, 16, (count, 1)) / 256 * [0, 1], third)
+    xy = np.stack([first, last, third], axis=1)
+    xy = np.where(rng.random((count, 1, 2)) < 0.5, xy, size - xy)
+    xy = np.where(rng.random((count, 1, 1)) < 0.5, xy, xy[..., ::-1])
+    return from_pixels(xy, rng.uniform(0.02, 1.05, (count, 3)), (size, size))
+
+
+def clipped_fans(rng: np.random.Generator) -> Case:
+    """Wedges that open to the right from a point on the screen, cut by the near plane, the guard band and the depth plane.
+
+    All parts of a fan share its leftmost vertex and so are seen: some three of a triangle, and few triangles.
+    """
+    count = 200
+    x = np.sort(rng.uniform(-1, 1, count))
+    tip = np.stack([x, rng.uniform(-0.9, 0.9, count), -0.8 * x + rng.uniform(-0.2, 0.1, count), np.ones(count)], axis=1)
+    scale = 10.0 ** rng.uniform(2.3, 3.5, (count, 2))
+    angle = rng.uniform(0.9, 1.5, (count, 2)) * [-1, 1]
+    ends = np.zeros((count, 2, 4))
+    ends[..., 0], ends[..., 1] = scale * np.cos(angle), scale * np.sin(angle)
+    ends[..., 2] = rng.uniform(-1, 1, (count, 2)) * rng.choice([1, 50], (count, 1))
+    ends[..., 3] = rng.choice([1, 1, 0.1, -0.5], (count, 2))
+    return soup(np.concatenate([tip[:, None], ends], axis=1)[rng.permutation(count)], (120, 130))
+
+
+def hundreds_in_a_bin(rng: np.random.Generator) -> Case:
+    """In one bin more triangles than are drawn together, nearly all of them seen; few in others, so that the bounds are apart."""
+    count = 460
+    xy = rng.uniform(66, 126, (count, 1, 2)) + rng.uniform(-4, 4, (count, 3, 2))
+    xy[::12] += rng.choice([-64, 0, 64], (len(xy[::12]), 1, 2))
+    return from_pixels(xy, rng.uniform(0.1, 0.9, (count, 3)), (200, 194))
+
+
+def steep_from_near(rng: np.random.Generator) -> Case:
+    """An edge through pixel centres at the least depths there are, the far end of depth beside it: clamping decides its bits."""
+    count = 90
+    step = rng.choice([1, 2, 3, 5], (count, 2)) * rng.choice([1, -1], (count, 2)) * (rng.random((count, 2)) < 0.7)
+    step[~step.any(axis=1)] = [1, 0]
+    first = rng.integers(20, 180, (count, 2)) + 0.5
+    last = first + step * rng.integers(4, 20, (count, 1))
+    third = last + rng.choice([-1, 1], (count, 2)) * rng.integers(16, 200, (count, 2)) / 256
+    near = np.repeat(rng.integers(0, 9, (count, 1)) * 2.0**-25, 2, axis=1)
+    return from_pixels(
+        np.stack([first, last, third], axis=1), np.concatenate([near, rng.uniform(0.5, 0.99, (count, 1))], axis=1), (256, 256)
+    )
+
+
 def not_finite(rng: np.random.Generator) -> Case:
     corners = random_corners(rng, 40, 1)
     corners[::5, 1, rng.integers(0, 4)] = np.nan
@@ -251,6 +365,13 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
         ties_at_bounds,
         crossings,
         crowded,
+        small_on_cells,
+        mesh_of_small,
+        small_by_the_screen,
+        long_slivers,
+        clipped_fans,
+        hundreds_in_a_bin,
+        steep_from_near,
         not_finite,
         inside_sphere,
     )

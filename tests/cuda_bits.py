@@ -18,10 +18,10 @@ DEVICE = "cuda"
 VARIANTS = native.VARIANTS.get("cuda", ())
 needs_cuda = pytest.mark.skipif("cuda" not in native.devices(), reason="no CUDA build, or no CUDA device")
 
-# Launch settings under which a scene of any size takes another way through the kernels.
+# Launch settings under which a scene takes another way through the kernels; up to 256 triangles its own way is "few".
 PATHS: dict[str, dict[str, int]] = {
     "default": {},
-    "few": {"few": 65536},
+    "few warps": {"warps": 4},
     "some": {"few": 0, "some": 65536},
     "many": {"few": 0, "some": 0},
 }

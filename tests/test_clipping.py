@@ -7,13 +7,15 @@ from math import isqrt
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 from counting import fragments, fragments_by_triangle, scaled, soup
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bigtri import stages
+import bigtri
+from bigtri import native, stages
 from bigtri.reference.clip import clip, clip_planes
 
 FLOAT32_MAX = float(np.finfo(np.float32).max)
@@ -242,6 +244,25 @@ def test_the_picture_is_the_true_one_where_the_ends_of_an_edge_cancel() -> None:
         positions, triangles = soup(corners[None])
         wrong = wrong_pixels(fragments(positions, triangles, (height, width)), true_side(corners, height, width))
         assert not wrong, (wrong, corners.tolist())
+
+
+@pytest.mark.parametrize("device", native.devices())
+def test_no_depth_is_negative(device: str) -> None:
+    """Of negative floats the order of bits is reversed. Within an ulp of the near plane, rounding would leave a vertex made by
+    two other planes in front of it, by some 1e-16.
+    """
+    cut = (
+        ("0x1.55718ep+20", "0x1.44a348p-13", "-0x1.99e56ep-13", "0x1.99e57p-13"),
+        ("-0x1.e0b9a4p+38", "0x1.74f26ap+37", "-0x1.abb102p+39", "0x1.abb102p+39"),
+        ("0x1.44ba9ep-34", "0x1.c4903ep-34", "-0x1.6f5728p-57", "0x1.6f5728p-57"),
+    )
+    positions = torch.tensor([[float.fromhex(number) for number in vertex] for vertex in cut], dtype=torch.float32)
+    triangles = torch.arange(3, dtype=torch.int32)[None]
+    expected = bigtri.rasterize(positions, triangles, (480, 640), backend="reference").packed
+    assert (expected >= 0).all() and (expected < 2**63 - 1).sum() > 70_000
+    for variant in native.VARIANTS[device]:
+        got = bigtri.rasterize(positions.to(device), triangles.to(device), (480, 640), backend="native", variant=variant)
+        assert torch.equal(got.packed.cpu(), expected), variant
 
 
 def test_the_picture_is_the_true_one_where_a_vertex_lies_on_the_near_plane() -> None:

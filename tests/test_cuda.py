@@ -96,7 +96,9 @@ SCISSORS = {
 
 
 @pytest.mark.parametrize("box", SCISSORS)
-@pytest.mark.parametrize("name", ["screen_size", "many_small", "corner_of_huge", "slivers", "layers", "mixed"])
+@pytest.mark.parametrize(
+    "name", ["screen_size", "many_small", "corner_of_huge", "slivers", "layers", "mixed", "long_slivers", "small_by_the_screen"]
+)
 def test_scissor(name, box, variant, path):
     scissor = SCISSORS[box]
     assert_same(expected(Scene(name), scissor=scissor), draw(Scene(name), variant=variant, scissor=scissor), (name, box))
@@ -266,6 +268,7 @@ def test_every_setting_is_tried():
     [
         *("behind_camera", "guard_band", "inside_sphere", "slivers", "needles_on_centres", "far_depth", "many_small"),
         *("layers", "full_screens", "crowded", "corner_of_huge", "ties_at_bounds", "size_128x67", "mixed"),
+        *("clipped_fans", "hundreds_in_a_bin", "long_slivers", "small_on_cells"),
     ],
 )
 def test_launch_settings_change_no_bit(name, variant):

@@ -203,7 +203,7 @@ def _depth_made(vertex: _Vertex) -> float:
         return 0.0
     if not vertex.made:
         return _depth32(vertex.position)
-    return _round32((vertex.position[2] / vertex.position[3]) * 0.5 + 0.5)
+    return max(_round32((vertex.position[2] / vertex.position[3]) * 0.5 + 0.5), 0.0)
 
 
 def _window(height: int, width: int, scissor: tuple[int, int, int, int] | None) -> tuple[int, int, int, int]:

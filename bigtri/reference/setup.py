@@ -115,9 +115,9 @@ def _snap_clipped(polygons: Polygons, height: int, width: int) -> NDArray[np.int
 
 
 def _clipped_depth(polygons: Polygons) -> NDArray[np.float32]:
-    """float32 [M]: window depth; that of an original vertex as an unclipped triangle would have it, +0 on the near plane."""
+    """float32 [M]: window depth, not negative; of an original vertex as an unclipped triangle has it, +0 on the near plane."""
     z, w = polygons.position[:, Z], polygons.position[:, W]
-    depth = _window_depth(z, w).astype(np.float32)
+    depth = np.maximum(_window_depth(z, w).astype(np.float32), np.float32(0))
     original = polygons.made == 0
     depth[original] = _window_depth(z[original].astype(np.float32), w[original].astype(np.float32))
     depth[_made_by(polygons, NEAR)] = 0

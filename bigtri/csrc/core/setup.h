@@ -123,8 +123,8 @@ BIGTRI_HD Vertex project_clipped(const ClipVertex& v, int width, int height) {
   out.y = (v.made & 8) ? -kGuard : (v.made & 16) ? kGuard - 1 : snap_y(v.position[1], w, height);
   if (v.made == 0)  // an original vertex: from its float32 inputs, as if it had not been clipped
     out.z = window_depth<float>((float)v.position[2], (float)w);
-  else
-    out.z = (v.made & (1u << kNear)) ? 0.0f : window_depth<double>(v.position[2], w);
+  else  // rounding may have put it a little in front of the near plane
+    out.z = (v.made & (1u << kNear)) ? 0.0f : max_of(window_depth<double>(v.position[2], w), 0.0f);
   out.flags = 0;
   return out;
 }

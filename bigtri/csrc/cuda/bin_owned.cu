@@ -33,6 +33,8 @@ struct FewShared {
   __device__ FewShared() {}
 };
 static_assert(FewShared<4>::kRecords >= kMaxSubTriangles, "a round clips one triangle at least");
+static_assert(3 * FewShared<16>::kMost * sizeof(Vertex) <= sizeof(PatchShared<16>::entries) && 8 * sizeof(ClipScratch) <= sizeof(PatchShared<16>::entries),
+              "begin_turn writes behind what set-up uses");
 static_assert(sizeof(FewShared<16>) <= 64 * 1024, "as much as a block can have on all devices");
 
 // Sets up the triangles; returns how many were dropped. By all threads.
@@ -238,6 +240,7 @@ __global__ void __launch_bounds__(kSliverThreads, 8) draw_slivers(const __grid_c
     const int slot = candidates.slot(i);
     return r.boxes[slot] == kSliverBox ? r.records + slot : nullptr;
   });
+  wait_for_previous();  // also where there is no sliver: the next kernel waits for this one only
 }
 
 template <int kWarps>

@@ -74,7 +74,7 @@ __device__ __noinline__ void warp_draw(const Frame& f, const Record& r) {
 constexpr int kClearThreads = 256, kVerticesEach = 2;
 constexpr int kClearPixels = 16 * kClearThreads, kProjectVertices = kVerticesEach * kClearThreads;  // of a block
 
-__global__ void __launch_bounds__(kClearThreads, 5)
+__global__ void __launch_bounds__(kClearThreads, 4)
     clear_frame(const __grid_constant__ Frame f, Vertex* projected, int projecting_blocks, uint32_t* counters, int counter_count) {
   let_next_begin();
   const int thread = threadIdx.x, projecting = (int)((int64_t)blockIdx.x * projecting_blocks / gridDim.x);  // blocks before this one

@@ -125,11 +125,11 @@ __device__ __noinline__ float thin_depth(const Record* r, int x, int y) {
   return finish_depth(depth_at(r->x, r->y, r->z, divisor((double)r->area), x, y), r->zmin, r->zmax);
 }
 
-// 64 bits at once; the background is the same minimum signed and unsigned.
+// 64 bits at once.
 __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, bool read_first) {
   if (read_first && __ldcg(pixel) <= packed) return;
   // The address space is named, since in a function that is called the compiler cannot know it and would make three of this.
-  asm volatile("red.relaxed.gpu.global.min.u64 [%0], %1;" ::"l"(__cvta_generic_to_global(pixel)), "l"(packed));
+  asm volatile("red.relaxed.gpu.global.min.s64 [%0], %1;" ::"l"(__cvta_generic_to_global(pixel)), "l"(packed));
 }
 
 }  // namespace
