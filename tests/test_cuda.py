@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -30,6 +31,14 @@ from bigtri import native
 from bigtri.rasterize import CULLS, Visibility
 
 pytestmark = needs_cuda
+
+
+@pytest.fixture(autouse=True)
+def _leave_no_memory() -> Iterator[None]:
+    """Several processes may share the device (pytest -n)."""
+    yield
+    torch.cuda.empty_cache()
+
 
 BACKGROUND = 2**63 - 1
 SIZES = ((540, 960), (567, 1000), (1080, 1920))

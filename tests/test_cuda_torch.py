@@ -5,6 +5,7 @@ from __future__ import annotations
 import concurrent.futures
 import gc
 import os
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -29,6 +30,14 @@ from bigtri import native
 from bigtri.rasterize import Visibility
 
 pytestmark = needs_cuda
+
+
+@pytest.fixture(autouse=True)
+def _leave_no_memory() -> Iterator[None]:
+    """Several processes may share the device (pytest -n)."""
+    yield
+    torch.cuda.empty_cache()
+
 
 CLOCKS = 400_000_000  # some 200 ms, also for a host that is busy with other tests: who does not wait for it is seen
 NAMES = ("mixed", "layers", "screen_size", "many_small", "behind_camera")

@@ -36,6 +36,7 @@ template <class... Parts>
   if (!(CONDITION)) fail(__VA_ARGS__)
 
 inline std::string describe(const Tensor& t) {
+  if (!t.defined()) return "None";
   std::string s = std::string(torch::headeronly::toString(t.scalar_type())) + " [";
   for (int64_t i = 0; i < t.dim(); ++i) s += (i ? ", " : "") + std::to_string(t.size(i));
   return s + "]" + (t.is_cpu() ? " on the CPU" : " on device " + std::to_string(t.get_device_index())) + (t.is_contiguous() ? "" : ", not contiguous");
@@ -49,12 +50,13 @@ inline bool fits(const Tensor& t, ScalarType type, const std::vector<int64_t>& s
 
 // shape: -1 is any size.
 inline void check(const char* op, const char* name, const Tensor& t, ScalarType type, const std::vector<int64_t>& shape, const char* wanted) {
-  BIGTRI_CHECK(t.is_cpu() && fits(t, type, shape), "bigtri::", op, ": ", name, " must be a contiguous CPU tensor, ", wanted, ", got ", describe(t));
+  BIGTRI_CHECK(t.defined() && t.is_cpu() && fits(t, type, shape), "bigtri::", op, ": ", name, " must be a contiguous CPU tensor, ", wanted, ", got ",
+               describe(t));
 }
 
 // On the CUDA device given.
 inline void check_cuda(const char* op, const char* name, const Tensor& t, int device, ScalarType type, const std::vector<int64_t>& shape, const char* wanted) {
-  BIGTRI_CHECK(t.is_cuda() && t.get_device_index() == device && fits(t, type, shape), "bigtri::", op, ": ", name,
+  BIGTRI_CHECK(t.defined() && t.is_cuda() && t.get_device_index() == device && fits(t, type, shape), "bigtri::", op, ": ", name,
                " must be a contiguous tensor on CUDA device ", device, ", ", wanted, ", got ", describe(t));
 }
 

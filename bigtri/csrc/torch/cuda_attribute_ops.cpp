@@ -10,7 +10,7 @@ namespace {
 // The device of the first tensor that is on one; the checks then find those that are elsewhere.
 int device_of(std::initializer_list<const Tensor*> tensors) {
   for (const Tensor* t : tensors)
-    if (t->is_cuda()) return t->get_device_index();
+    if (t->defined() && t->is_cuda()) return t->get_device_index();
   return kCpu;
 }
 

@@ -18,7 +18,7 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   const CudaVariant* chosen = kCudaVariants;
   while (chosen->name && variant != chosen->name) ++chosen;
   BIGTRI_CHECK(chosen->name, "bigtri::rasterize: variant must be one of ", cuda_variants_op(), " on CUDA, got '", variant, "'");
-  BIGTRI_CHECK(positions.is_cuda(), "bigtri::rasterize: positions must be on a CUDA device like the others, got ", describe(positions));
+  BIGTRI_CHECK(positions.defined() && positions.is_cuda(), "bigtri::rasterize: positions must be on a CUDA device like the others, got ", describe(positions));
   const int device = positions.get_device_index();
   Frame frame = {};
   frame.view = viewport(op, height, width, cull, scissor);
