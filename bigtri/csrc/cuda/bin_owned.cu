@@ -234,13 +234,12 @@ constexpr int kSliverThreads = 128;
 __global__ void __launch_bounds__(kSliverThreads, 8) draw_slivers(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
   __shared__ SliverShared shared;
   let_next_begin();
-  // The kernel in front has let this one begin after it had waited itself, so the records are there; its pixels may not be, and draw_sliver waits for them.
+  wait_for_previous();
   const RecordCandidates candidates(r);
   draw_all_slivers(f, candidates.count(), &shared, [&](int i) {
     const int slot = candidates.slot(i);
     return r.boxes[slot] == kSliverBox ? r.records + slot : nullptr;
   });
-  wait_for_previous();  // also where there is no sliver: the next kernel waits for this one only
 }
 
 template <int kWarps>

@@ -96,12 +96,18 @@ __device__ __forceinline__ void enqueue(const Job& j, bool have, uint32_t slot) 
   }
 }
 
+// Of a warp: one may still clip while another draws.
+union WarpOwn {
+  ClipScratch clip;
+  Record record;
+  __device__ WarpOwn() {}
+};
+
 struct Shared {
   int64_t pixels[kBin * kBin];
   union {
     Entry entries[kThreads / 4];
-    ClipScratch clip[kWarps];
-    Record record[kWarps];
+    WarpOwn warp[kWarps];
   };
   uint32_t far;
   int count, bin;
@@ -122,7 +128,7 @@ __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int coun
     for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
       const int32_t triangle = (int32_t)(base + first + __ffs(todo) - 1);
       Primitive part;
-      const bool have = clip_part(f, triangle, &s->clip[warp], &part);
+      const bool have = clip_part(f, triangle, &s->warp[warp].clip, &part);
       const unsigned all = __ballot_sync(kAllLanes, have);
       uint32_t at = 0;
       if (lane_id() == 0) at = atomicAdd(&j.counters->parts, (uint32_t)__popc(all));
@@ -220,14 +226,14 @@ __device__ void draw_deferred(const Frame& f, const Job& j, int count, Shared* s
   const int warp = threadIdx.x / kWarp;
   for (int i = blockIdx.x * kWarps + warp; i < count; i += gridDim.x * kWarps) {
     Primitive part;
-    const bool have = clip_part(f, j.deferred[i], &s->clip[warp], &part);
+    const bool have = clip_part(f, j.deferred[i], &s->warp[warp].clip, &part);
     Record record;
     if (have) fill_record(part, j.deferred[i], &record);
     for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
       __syncwarp();
-      if (lane_id() == __ffs(todo) - 1) s->record[warp] = record;
+      if (lane_id() == __ffs(todo) - 1) s->warp[warp].record = record;
       __syncwarp();
-      warp_draw(f, s->record[warp]);
+      warp_draw(f, s->warp[warp].record);
     }
     __syncwarp();
   }

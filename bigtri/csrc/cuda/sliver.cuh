@@ -2,7 +2,6 @@
 #pragma once
 
 #include "fragment.cuh"
-#include "launch.cuh"
 
 namespace bigtri {
 namespace {
@@ -112,7 +111,6 @@ __device__ __noinline__ void draw_sliver(const Frame& f, const Record* record, i
     if (which == 0) s->row[column] = row;
   }
   __syncthreads();
-  wait_for_previous();
   const double dzdx = r.dzdx, dzdy = r.dzdy;
   const float zmin = r.zmin, zmax = r.zmax;
   const uint32_t triangle = r.triangle;
