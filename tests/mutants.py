@@ -1,7 +1,7 @@
 """Breaks the extension on purpose, one formula at a time, and checks that the tests fail and name the stage.
 
-The mutations are in mutants.txt, with --cuda in mutants_cuda.txt: those of the CUDA kernels, which need a GPU. The repository is
-copied to a temporary directory, with one instruction set and less optimisation, so that building is quick. A mutation is KILLED
+The mutations are in mutants.txt, with --cuda in mutants_cuda.txt: those of the CUDA kernels, which need a GPU, or with --on-cpu
+only the headers of the CUDA toolkit (test_cuda_on_cpu.py; those in core/ are left out then). The repository is copied to a temporary directory, with one instruction set and less optimisation, so that building is quick. A mutation is KILLED
 if a test fails and names one of the stages expected; one with a reason why nothing can tell is EQUIVALENT and has to survive. The
 exit status is 1 if any verdict is another, or if a mutation has lost its place.
 """
@@ -197,6 +197,7 @@ def work(mutation: Mutation) -> bool:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cuda", action="store_true", help="mutations of the CUDA kernels, on a machine with a GPU")
+    parser.add_argument("--on-cpu", action="store_true", help="with --cuda: without a GPU")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="run these mutations")
     parser.add_argument("--list", action="store_true", help="print the mutations and whether each has its place, and stop")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="mutations worked on at the same time (1)")
@@ -205,6 +206,9 @@ def main() -> int:
     if unknown := set(arguments.only or []) - {m.name for m in mutations}:
         parser.error(f"no such mutation: {', '.join(sorted(unknown))}")
     chosen = [m for m in mutations if not arguments.only or m.name in arguments.only]
+    if arguments.on_cpu:
+        chosen = [m._replace(test="cuda_on_cpu", stages=["cuda_on_cpu"]) for m in chosen if not m.where.startswith("core")]
+    on_gpu = arguments.cuda and not arguments.on_cpu
     placed = []
     for m in chosen:
         try:
@@ -221,12 +225,12 @@ def main() -> int:
         print(f"{len(chosen) - len(placed)} of {len(chosen)} have lost their place")
     if arguments.list:
         return int(not complete)
-    if arguments.cuda and in_child(ROOT, lambda: not importlib.import_module("torch").cuda.is_available())[0]:
+    if on_gpu and in_child(ROOT, lambda: not importlib.import_module("torch").cuda.is_available())[0]:
         print("--cuda needs a torch built for CUDA and a GPU")
         return 1
     with (
         tempfile.TemporaryDirectory() as folder,
-        ProcessPoolExecutor(arguments.jobs, FORK, start_worker, (folder, arguments.cuda)) as pool,
+        ProcessPoolExecutor(arguments.jobs, FORK, start_worker, (folder, on_gpu)) as pool,
     ):
         if failure := pool.submit(check_unmutated, sorted({m.test for m in placed})).result():
             print(f"The tests fail without any mutation: {failure}")

@@ -1,0 +1,273 @@
+// Runs CUDA kernels on the CPU: a block at a time, each of its threads with a stack of its own, one after the other from barrier to barrier. Memory of the "device" ends at a page that cannot be
+// touched. What no GPU would survive ends the process with a message: access beyond memory, barriers that not all threads reach, or different ones. Kernels run one after the other, so what goes
+// wrong only where they overlap does not show.
+
+#include "cuda_on_cpu.h"
+
+#include <signal.h>
+#include <stdio.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include "frame.h"
+
+uint3 threadIdx, blockIdx;
+dim3 blockDim, gridDim;
+char* dynamic_shared;
+
+// Leaves one stack for another: x86-64, System V.
+extern "C" void switch_stack(void** left, void* to);
+asm(R"(
+.text
+.globl switch_stack
+switch_stack:
+  push %rbp
+  push %rbx
+  push %r12
+  push %r13
+  push %r14
+  push %r15
+  mov %rsp, (%rdi)
+  mov %rsi, %rsp
+  pop %r15
+  pop %r14
+  pop %r13
+  pop %r12
+  pop %rbx
+  pop %rbp
+  ret
+)");
+
+namespace {
+
+constexpr int kWarp = 32, kMostThreads = 1024, kProcessors = 2;
+constexpr size_t kStackBytes = 256 << 10, kPage = 4096;
+
+enum class State { kReady, kAtWarp, kAtBlock, kDone };
+
+struct Thread {
+  char* stack = nullptr;
+  void* at = nullptr;
+  State state = State::kDone;
+  uint64_t value = 0;
+  const char* file = nullptr;
+  int line = 0;
+  int meetings = 0;  // of its warp
+};
+
+Thread threads[kMostThreads];
+uint64_t met[kMostThreads / kWarp][2][kWarp];  // what a warp's lanes brought, last time and the time before: a lane may be one meeting ahead of another
+int sum, current;
+void* scheduler;
+const std::function<void()>* body;
+const char* kernel = "none";
+
+[[noreturn]] void fail(const char* what, int thread) {
+  const Thread& t = threads[thread];
+  fprintf(stderr, "cuda_on_cpu: %s: %s, block %u of %u, thread %d of %u, at %s:%d\n", what, kernel, blockIdx.x, gridDim.x, thread, blockDim.x,
+          t.file ? t.file : "its start", t.line);
+  _exit(2);
+}
+
+void on_fault(int) { fail("access beyond memory", current); }
+
+void thread_main() {
+  (*body)();
+  threads[current].state = State::kDone;
+  void* left;
+  switch_stack(&left, scheduler);
+  abort();
+}
+
+void wait(State state, uint64_t value, const char* file, int line) {
+  Thread& t = threads[current];
+  t.state = state;
+  t.value = value;
+  t.file = file;
+  t.line = line;
+  switch_stack(&t.at, scheduler);
+}
+
+void start(Thread* t) {
+  if (!t->stack) t->stack = static_cast<char*>(mmap(nullptr, kStackBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
+  void** top = reinterpret_cast<void**>(t->stack + kStackBytes - 64);
+  *--top = nullptr;
+  *--top = reinterpret_cast<void*>(thread_main);
+  for (int saved = 0; saved < 6; ++saved) *--top = nullptr;
+  t->at = top;
+  t->state = State::kReady;
+  t->file = nullptr;
+  t->meetings = 0;
+}
+
+// Lets the lanes of a warp go on if all have come to the same place; false if they have not.
+bool release_warp(int first, int lanes) {
+  int waiting = 0;
+  for (int i = first; i < first + lanes; ++i) waiting += threads[i].state == State::kAtWarp;
+  if (waiting == 0) return false;
+  for (int i = first; i < first + lanes; ++i) {
+    if (threads[i].state == State::kDone) fail("a lane has ended where its warp meets", i);
+    if (threads[i].state != State::kAtWarp) return false;
+    if (threads[i].line != threads[first].line) fail("lanes meet at different places", i);
+  }
+  uint64_t* values = met[first / kWarp][(threads[first].meetings - 1) & 1];
+  for (int i = 0; i < kWarp; ++i) values[i] = i < lanes ? threads[first + i].value : 0;
+  for (int i = first; i < first + lanes; ++i) threads[i].state = State::kReady;
+  return true;
+}
+
+bool release_block(int count) {
+  for (int i = 0; i < count; ++i)
+    if (threads[i].state != State::kAtBlock) return false;
+  sum = 0;
+  for (int i = 0; i < count; ++i) {
+    if (threads[i].line != threads[0].line) fail("threads meet at different barriers", i);
+    sum += (int)threads[i].value;
+    threads[i].state = State::kReady;
+  }
+  return true;
+}
+
+void run_block(int count) {
+  for (int i = 0; i < count; ++i) start(&threads[i]);
+  for (;;) {
+    bool moved = false;
+    int done = 0;
+    for (int i = 0; i < count; ++i) {
+      if (threads[i].state == State::kReady) {
+        moved = true;
+        current = i;
+        threadIdx = {(unsigned)i, 0, 0};
+        switch_stack(&scheduler, threads[i].at);
+      }
+      done += threads[i].state == State::kDone;
+    }
+    if (done == count) return;
+    for (int first = 0; first < count; first += kWarp) moved = release_warp(first, count - first < kWarp ? count - first : kWarp) || moved;
+    moved = release_block(count) || moved;
+    if (!moved) fail("not all threads reach a barrier", 0);
+  }
+}
+
+// Memory that ends where it may not be touched.
+class Memory {
+ public:
+  Memory(size_t bytes, int fill) : bytes_((bytes + 15) / 16 * 16), pages_((bytes_ + kPage - 1) / kPage * kPage) {
+    base_ = static_cast<char*>(mmap(nullptr, pages_ + 2 * kPage, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
+    mprotect(base_, kPage, PROT_NONE);
+    mprotect(base_ + kPage + pages_, kPage, PROT_NONE);
+    memset(base_ + kPage, fill, pages_);
+  }
+  Memory(const Memory&) = delete;
+  ~Memory() { munmap(base_, pages_ + 2 * kPage); }
+  template <class T>
+  T* of() const {
+    return reinterpret_cast<T*>(base_ + kPage + pages_ - bytes_);
+  }
+
+ private:
+  size_t bytes_, pages_;
+  char* base_;
+};
+
+}  // namespace
+
+const uint64_t* warp_values(uint64_t value, const char* file, int line) {
+  const int me = current, meeting = threads[me].meetings++ & 1;
+  wait(State::kAtWarp, value, file, line);
+  return met[me / kWarp][meeting];
+}
+
+int block_sum(int value, const char* file, int line) {
+  wait(State::kAtBlock, (uint64_t)value, file, line);
+  return sum;
+}
+
+void run_grid(const char* name, dim3 grid, dim3 block, size_t shared_bytes, const std::function<void()>& what) {
+  if (block.x > kMostThreads) abort();
+  const Memory shared(shared_bytes, 0);
+  kernel = name;
+  body = &what;
+  gridDim = grid;
+  blockDim = block;
+  dynamic_shared = shared.of<char>();
+  for (blockIdx = {0, 0, 0}; blockIdx.x < grid.x; ++blockIdx.x) {
+    memset(dynamic_shared, 0xcd, shared_bytes);
+    run_block((int)block.x);
+  }
+}
+
+// A device of two multiprocessors with room for a block each, so that blocks take several turns; of an old kind, so that launches do not overlap.
+extern "C" {
+cudaError_t cudaGetDevice(int* device) {
+  *device = 0;
+  return cudaSuccess;
+}
+cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {
+  *value = attribute == cudaDevAttrMultiProcessorCount ? kProcessors : 7;
+  return cudaSuccess;
+}
+cudaError_t cudaFuncGetAttributes(cudaFuncAttributes* attributes, const void*) {
+  *attributes = {};
+  return cudaSuccess;
+}
+cudaError_t cudaFuncSetAttribute(const void*, cudaFuncAttribute, int) { return cudaSuccess; }
+cudaError_t cudaOccupancyMaxActiveBlocksPerMultiprocessor(int* blocks, const void*, int, size_t) {
+  *blocks = 1;
+  return cudaSuccess;
+}
+cudaError_t cudaMemsetAsync(void* p, int value, size_t bytes, cudaStream_t) {
+  memset(p, value, bytes);
+  return cudaSuccess;
+}
+cudaError_t cudaGetLastError() { return cudaSuccess; }
+
+void default_settings(int64_t* fields) {
+  const bigtri::Tuning tuning;
+  memcpy(fields, &tuning, sizeof tuning);
+}
+
+// One image; view: width, height, scissor x0 y0 x1 y1, cull. depth may be null. 0, or what was refused.
+int draw_on_cpu(const char* variant, const float* positions, int64_t vertices, const int32_t* triangles, int32_t count, const int32_t* view,
+                const int64_t* settings, int64_t* packed, float* depth, int64_t* dropped) {
+  using namespace bigtri;
+  static bool handled = false;
+  if (!handled) {
+    static char stack[1 << 16];
+    const stack_t alternative = {stack, 0, sizeof stack};
+    sigaltstack(&alternative, nullptr);
+    struct sigaction action = {};
+    action.sa_handler = on_fault;
+    action.sa_flags = SA_ONSTACK;
+    sigaction(SIGSEGV, &action, nullptr);
+    sigaction(SIGBUS, &action, nullptr);
+    handled = true;
+  }
+  const CudaVariant* chosen = kCudaVariants;
+  while (chosen->name && strcmp(chosen->name, variant) != 0) ++chosen;
+  if (!chosen->name) return 1;
+  static_assert(sizeof(Tuning) == kTuningFields * sizeof(int64_t), "nothing but the fields");
+  Tuning tuning;
+  memcpy(&tuning, settings, sizeof tuning);
+  if (!set_tuning(tuning)) return 2;
+  const size_t pixels = (size_t)view[0] * view[1];
+  const Memory p(vertices * 16, 0), t((size_t)count * 12, 0), image(pixels * 8, 0x33), depths(pixels * 4, 0x33), drops(8, 0x33);
+  if (vertices) memcpy(p.of<float>(), positions, vertices * 16);
+  if (count) memcpy(t.of<int32_t>(), triangles, (size_t)count * 12);
+  Frame f = {};
+  f.positions = p.of<float>();
+  f.triangles = t.of<int32_t>();
+  f.vertices = vertices;
+  f.count = count;
+  f.view = {view[0], view[1], view[2], view[3], view[4], view[5], view[6]};
+  f.packed = image.of<int64_t>();
+  f.depth = depth ? depths.of<float>() : nullptr;
+  f.dropped = drops.of<int64_t>();
+  const Memory scratch(chosen->scratch_bytes(f, tuning), 0x7f);
+  if (chosen->draw(f, tuning, scratch.of<char>(), nullptr) != cudaSuccess) return 3;
+  memcpy(packed, f.packed, pixels * 8);
+  if (depth) memcpy(depth, f.depth, pixels * 4);
+  *dropped = *f.dropped;
+  return 0;
+}
+}
