@@ -1,9 +1,10 @@
 """Breaks the extension on purpose, one formula at a time, and checks that the tests fail and name the stage.
 
 The mutations are in mutants.txt, with --cuda in mutants_cuda.txt: those of the CUDA kernels, which need a GPU, or with --on-cpu
-only the headers of the CUDA toolkit (test_cuda_on_cpu.py; those in core/ are left out then). The repository is copied to a temporary directory, with one instruction set and less optimisation, so that building is quick. A mutation is KILLED
-if a test fails and names one of the stages expected; one with a reason why nothing can tell is EQUIVALENT and has to survive. The
-exit status is 1 if any verdict is another, or if a mutation has lost its place.
+only the headers of the CUDA toolkit (test_cuda_on_cpu.py; those in core/ are left out then). The repository is copied to a
+temporary directory, with one instruction set and less optimisation, so that building is quick. A mutation is KILLED if a test
+fails and names one of the stages expected; one with a reason why nothing can tell is EQUIVALENT and has to survive. The exit
+status is 1 if any verdict is another, or if a mutation has lost its place.
 """
 
 from __future__ import annotations
