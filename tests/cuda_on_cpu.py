@@ -29,8 +29,8 @@ from bigtri import native
 
 TESTS = Path(__file__).resolve().parent
 CSRC = TESTS.parent / "bigtri/csrc"
-SOURCES = ("variants", "bin_owned", "two_stage", "persistent")
-VARIANTS = ("bin_owned", "two_stage", "persistent")
+SOURCES = tuple(sorted(file.stem for file in CSRC.glob("cuda/*.cu") if file.stem != "attributes"))
+VARIANTS = tuple(re.findall(r'\{"(\w+)", ', (CSRC / "cuda/variants.cu").read_text()))  # the registry
 CULLS = {"none": 0, "back": 1, "front": 2}
 
 # What a host compiler has no words for, and what there is instead: everything else is in cuda_on_cpu.h.
