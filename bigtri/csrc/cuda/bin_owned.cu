@@ -111,7 +111,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __g
 #pragma unroll 1
   for (;;) {
     draw_patches<kWarps, Output::kWrite, false>(f, Candidates{s->records, s->boxes}, room);
-    const int round = *(volatile int*)&s->round + 1;
+    const int round = reread(s->round) + 1;
     if (s->waiting_count[round & 1] == 0) return;
     clip_few(f, s, 0, round);
   }

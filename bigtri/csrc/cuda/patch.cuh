@@ -49,6 +49,12 @@ __device__ __forceinline__ uint32_t this_thread() {
   return i;
 }
 
+// A value in shared memory, read again instead of kept in a register.
+template <class T>
+__device__ __forceinline__ T reread(const T& v) {
+  return *const_cast<const volatile T*>(&v);
+}
+
 // Shared memory of a block that owns patches. What all of its threads know is here too, and read again where it is needed: the registers are for drawing, and what spills out of them comes back from far away.
 template <int kWarps>
 struct PatchShared {
@@ -202,7 +208,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
     }
     int group = 0;
     for (;;) {
-      if (kMany && *(volatile int*)&s->count > kThreads / 2)  // then a group is one patch
+      if (kMany && reread(s->count) > kThreads / 2)  // then a group is one patch
         for (; group < kTurn && !(s->touched >> group & 1); ++group)
           if (kOutput == Output::kWrite && !s->drawn && s->at[group].bin_x != Patch<kWarps>::kNowhere)
             region_of(f, s->at[group], (int)(this_thread() / kWarp), kInfinity).store(f);
@@ -210,24 +216,23 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
       s->group = group;  // all write the same
       gather<kWarps>(candidates, group, room);
 #pragma unroll 1
-      for (int k = 0; k < 1 << *(volatile int*)&s->together; ++k) {
-        const int number = *(volatile int*)&s->group + k;
+      for (int k = 0; k < 1 << reread(s->together); ++k) {
+        const int number = reread(s->group) + k;
         const Patch<kWarps> p = s->at[number];
-        const int waiting = *(volatile int*)&s->list_count[number];
-        const bool again = *(volatile bool*)&s->drawn || *(volatile bool*)&s->resumed;
+        const int waiting = reread(s->list_count[number]);
+        const bool again = reread(s->drawn) || reread(s->resumed);
         if (p.bin_x == Patch<kWarps>::kNowhere) break;
         if (waiting == 0 && (kOutput == Output::kMerge || again)) continue;
         Region region = region_of(f, p, (int)(this_thread() / kWarp), bits_float(s->far[number]));
         if (kOutput == Output::kWrite && again) region.load(f);
-        draw_all(region, s->entries, s->list + k * (kThreads >> *(volatile int*)&s->together), waiting, kOutput == Output::kMerge || !again,
-                 candidates.records);
+        draw_all(region, s->entries, s->list + k * (kThreads >> reread(s->together)), waiting, kOutput == Output::kMerge || !again, candidates.records);
         if (kOutput == Output::kWrite)
           region.store(f);
         else
           region.merge(f);
       }
-      const bool finished = *(volatile int*)&s->entry_count <= room;
-      group = *(volatile int*)&s->group + (finished ? 1 << *(volatile int*)&s->together : 0);
+      const bool finished = reread(s->entry_count) <= room;
+      group = reread(s->group) + (finished ? 1 << reread(s->together) : 0);
       __syncthreads();
       if (this_thread() < kTurn) s->list_count[this_thread()] = 0;
       if (this_thread() == 0) {
@@ -236,7 +241,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
       }
       __syncthreads();
     }
-    const int first = *(volatile int*)&s->first + kTurn * (int)gridDim.x;
+    const int first = reread(s->first) + kTurn * (int)gridDim.x;
     if (first >= Patch<kWarps>::count(f.view)) return;
     __syncthreads();  // nobody looks at the patches of this turn any more
     begin_turn<kWarps>(f, first);
