@@ -58,6 +58,7 @@ struct Thread {
 Thread threads[kMostThreads];
 uint64_t met[kMostThreads / kWarp][2][kWarp];  // what a warp's lanes brought, last time and the time before: a lane may be one meeting ahead of another
 int sum, current;
+int order = 0;  // of threads between barriers: the first one first, the last one first, or in turns. What depends on it lacks a barrier.
 void* scheduler;
 const std::function<void()>* body;
 const char* kernel = "none";
@@ -130,10 +131,11 @@ bool release_block(int count) {
 
 void run_block(int count) {
   for (int i = 0; i < count; ++i) start(&threads[i]);
-  for (;;) {
+  for (int pass = 0;; ++pass) {
     bool moved = false;
     int done = 0;
-    for (int i = 0; i < count; ++i) {
+    for (int n = 0; n < count; ++n) {
+      const int i = order == 1 || (order == 2 && pass % 2 == 1) ? count - 1 - n : n;
       if (threads[i].state == State::kReady) {
         moved = true;
         current = i;
@@ -221,6 +223,8 @@ cudaError_t cudaMemsetAsync(void* p, int value, size_t bytes, cudaStream_t) {
   return cudaSuccess;
 }
 cudaError_t cudaGetLastError() { return cudaSuccess; }
+
+void set_order(int v) { order = v; }
 
 void default_settings(int64_t* fields) {
   const bigtri::Tuning tuning;

@@ -122,13 +122,13 @@ def test_nothing_to_draw(variant: str) -> None:
     [
         ("region.cuh", "at[k] += step[k];", "at[k] += 2 * step[k];", "values differ"),
         ("persistent.cu", "WarpOwn warp[kWarps];", "WarpOwn warp[kWarps / kWarps];", "cuda_on_cpu: "),
-        ("patch.cuh", "if (threadIdx.x < kTurn) {", "if (threadIdx.x < kTurn) { __syncthreads();", "cuda_on_cpu: "),
+        ("patch.cuh", "if (this_thread() < kTurn) {", "if (this_thread() < kTurn) { __syncthreads();", "cuda_on_cpu: "),
+        ("bin_owned.cu", "kWarps * kWarp);\n  __syncthreads();", "kWarps * kWarp);", "values differ"),
     ],
 )
 def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path: Path) -> None:
-    """A formula, memory, a barrier."""
-    if file == "patch.cuh":
-        old, new = old.replace("threadIdx.x", "this_thread()"), new.replace("threadIdx.x", "this_thread()")
+    """A formula, memory, a barrier that not all reach, one that is not there."""
     library = cuda_on_cpu.build(tmp_path / "build", (file, old, new))
-    jobs = [job(case_of("mixed"), variant, {"queue": 1}) for variant in ("bin_owned", "persistent")]
+    drawn = [("mixed", "bin_owned"), ("mixed", "persistent"), ("layers", "bin_owned")]
+    jobs = [job(case_of(name), variant, {"queue": 1}) for name, variant in drawn]
     assert said in cuda_on_cpu.differences_in_child(library, jobs)
