@@ -213,7 +213,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
           if (kOutput == Output::kWrite && !s->drawn && s->at[group].bin_x != Patch<kWarps>::kNowhere)
             region_of(f, s->at[group], (int)(this_thread() / kWarp), kInfinity).store(f);
       if (group >= kTurn || s->at[group].bin_x == Patch<kWarps>::kNowhere) break;
-      s->group = group;  // all write the same
+      if (this_thread() == 0) s->group = group;  // seen by all after the barriers of gather()
       gather<kWarps>(candidates, group, room);
 #pragma unroll 1
       for (int k = 0; k < 1 << reread(s->together); ++k) {
