@@ -5,7 +5,7 @@
 bin_owned becomes the fastest;
 * `cuda_threshold.png`: time against the bbox above which a triangle is queued.
 
-    python bench/cuda_plot.py --run bench/results/cuda_h200.csv --scaling bench/results/cuda_scaling_h200.csv --out docs/img
+    python bench/cuda_plot.py --run bench/results/cuda_h200*.csv --out docs/img
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def scene_bars(rows: list[Row], out: Path) -> None:
         axes.grid(axis="y", alpha=0.3)
         axes.set_axisbelow(True)
         axes.legend(frameon=False, ncols=len(names), loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, borderaxespad=0.2)
-        caption(figure, here[0], "CUDA graph replay, median, whiskers: quartiles; others measured on an H200 (h200_peers.csv)")
+        caption(figure, here, "CUDA graph replay, median, whiskers: quartiles; others measured on an H200 (h200_peers.csv)")
         save(figure, out / f"cuda_scenes_{width}x{height}.png")
 
 
@@ -255,7 +255,7 @@ def scaling(rows: list[Row], out: Path) -> None:
     handles.append(Line2D([], [], color="0.5", lw=0.8, label="memset of the image"))
     figure.legend(handles=handles, frameon=False, ncols=len(handles), loc="upper center", bbox_to_anchor=(0.5, 1.0), fontsize=8.5)
     text = "CUDA graph replay, median, bands: quartiles; upright lines: where another path of bin_owned becomes the fastest"
-    caption(figure, rows[0], text)
+    caption(figure, rows, text)
     save(figure, out / "cuda_scaling.png", top=0.97)
 
 
@@ -288,13 +288,14 @@ def threshold(rows: list[Row], out: Path) -> None:
         axes.grid(alpha=0.3)
         axes.legend(frameon=False, fontsize=7, title="triangles of", title_fontsize=7)
     panels[0, 0].set_ylabel("time / best of the line (log)")
-    caption(figure, here[0], "CUDA graph replay, median; four layers over 1920 x 1080")
+    caption(figure, here, "CUDA graph replay, median; four layers over 1920 x 1080")
     save(figure, out / "cuda_threshold.png")
 
 
-def caption(figure: plt.Figure, row: Row, how: str) -> None:
+def caption(figure: plt.Figure, rows: list[Row], how: str) -> None:
     """Where the figures come from, along the bottom."""
-    text = f"{row['device']}, driver {row['driver']}, CUDA {row['cuda']}; bigtri {row['commit']}; {how}"
+    row, commits = rows[0], " and ".join(sorted({row["commit"] for row in rows}))
+    text = f"{row['device']}, driver {row['driver']}, CUDA {row['cuda']}; bigtri {commits}; {how}"
     figure.text(0.01, 0.005, text, size=6.5, color="0.4")
 
 
@@ -309,14 +310,16 @@ def save(figure: plt.Figure, path: Path, top: float = 1) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--run", type=Path, metavar="CSV", help="what cuda_run.py wrote")
+    parser.add_argument(
+        "--run", type=Path, nargs="+", metavar="CSV", help="what cuda_run.py wrote; of several rows for a bar the fastest"
+    )
     parser.add_argument("--scaling", type=Path, metavar="CSV", help="what cuda_scaling.py wrote")
     parser.add_argument("--out", type=Path, default=Path("docs/img"), help="folder of the pictures (default docs/img)")
     arguments = parser.parse_args()
     if not (arguments.run or arguments.scaling):
         parser.error("--run, --scaling or both")
     if arguments.run:
-        scene_bars(read(arguments.run), arguments.out)
+        scene_bars([row for file in arguments.run for row in read(file)], arguments.out)
     if arguments.scaling:
         rows = read(arguments.scaling)
         scaling(rows, arguments.out)

@@ -42,8 +42,10 @@ template <int kWarps>
 __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) {
   const int t = threadIdx.x;
   if (t < 2) s->waiting_count[t] = 0;
-  if (t == 0) s->round = 0;
-  if (t == 0) s->patch.begin(f.count, false);
+  if (t == 0) {
+    s->round = 0;
+    s->patch.begin(f.count, false);
+  }
   begin_turn<kWarps>(f, blockIdx.x);
   project_corners(f, 0, f.count, s->corners, t, kWarps * kWarp);
   __syncthreads();
