@@ -14,9 +14,9 @@ struct BinEdge {
   int64_t f, lowest, highest;
 };
 
-// The extremes of a linear function over a square of centres that starts at value f.
-BIGTRI_HD int64_t lowest_of(int64_t f, int32_t sx, int32_t sy, int last) { return f + (int64_t)last * (min_of(sx, 0) + min_of(sy, 0)); }
-BIGTRI_HD int64_t highest_of(int64_t f, int32_t sx, int32_t sy, int last) { return f + (int64_t)last * (max_of(sx, 0) + max_of(sy, 0)); }
+// The extremes of a linear function over a square of centres that starts at value f. At most 63 * (2^24 + 2^24) are added: below 2^31.
+BIGTRI_HD int64_t lowest_of(int64_t f, int32_t sx, int32_t sy, int last) { return f + last * (min_of(sx, 0) + min_of(sy, 0)); }
+BIGTRI_HD int64_t highest_of(int64_t f, int32_t sx, int32_t sy, int last) { return f + last * (max_of(sx, 0) + max_of(sy, 0)); }
 
 BIGTRI_HD BinEdge bin_edge(const Edge& e, int bin_x, int bin_y) {
   BinEdge b;

@@ -16,6 +16,7 @@ constexpr int64_t kLargeThreshold = 4000;      // px of bbox; not above: the dir
 constexpr int64_t kThinRatio = 32;             // numerics.md 7
 constexpr int64_t kBackground = INT64_MAX;
 constexpr float kInfinity = __builtin_inff();
+constexpr float kNotANumber = __builtin_nanf("");
 
 enum Cull : int { kCullNone = 0, kCullBack = 1, kCullFront = 2 };
 
@@ -41,7 +42,7 @@ BIGTRI_HD Edge edge_of(const int32_t x[3], const int32_t y[3], int k) {
 BIGTRI_HD int64_t edge_value(const Edge& e, int32_t sx, int32_t sy) { return (int64_t)e.dx * (sy - e.py) - (int64_t)e.dy * (sx - e.px); }
 
 // Top-left rule: 0 where the edge owns the samples on it, else -1.
-BIGTRI_HD int64_t edge_bias(const Edge& e) { return (e.dy < 0 || (e.dy == 0 && e.dx > 0)) ? 0 : -1; }
+BIGTRI_HD int64_t edge_bias(const Edge& e) { return ((e.dy < 0) | ((e.dy == 0) & (e.dx > 0))) - 1; }  // no branches
 
 // The centre of pixel p, subpx.
 BIGTRI_HD int32_t pixel_centre(int32_t p) { return p * kSubpixel + kSubpixel / 2; }
@@ -57,17 +58,18 @@ BIGTRI_HD int64_t twice_area(const int32_t x[3], const int32_t y[3]) { return (i
 // nothing overflows or underflows, as floats and edge values cannot. A zero may have the other sign: no use of them here minds.
 struct Divisor {
   double value;
-#if defined(__CUDA_ARCH__)
-  double inverse;
+#if defined(__CUDACC__)
+  double inverse;  // for the GPU alone
 #endif
 };
 
 BIGTRI_HD Divisor divisor(double v) {
+  Divisor d;
+  d.value = v;
 #if defined(__CUDA_ARCH__)
-  return {v, __drcp_rn(v)};
-#else
-  return {v};
+  d.inverse = __drcp_rn(v);
 #endif
+  return d;
 }
 
 template <class D>

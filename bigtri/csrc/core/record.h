@@ -7,11 +7,11 @@
 
 namespace bigtri {
 
-struct Record {  // 96 bytes
+struct Record {  // 96 bytes, 104 on the GPU
   int32_t x[3], y[3];  // subpx
   float z[3];
   uint32_t triangle;
-  int64_t area;
+  Divisor area;  // subpx^2, twice the triangle's
   double dzdx, dzdy;
   float zmin, zmax;
   int32_t x0, y0, x1, y1;  // bbox, px, half-open
@@ -36,8 +36,8 @@ BIGTRI_HD void fill_record(const Primitive& p, int64_t triangle, Record* r, int6
     r->z[k] = p.z[k];
   }
   r->triangle = (uint32_t)triangle;
-  r->area = p.area;
-  const DepthGradient g = depth_gradient(p.x, p.y, p.z, divisor((double)p.area));
+  r->area = divisor((double)p.area);
+  const DepthGradient g = depth_gradient(p.x, p.y, p.z, r->area);
   r->dzdx = g.dzdx;
   r->dzdy = g.dzdy;
   r->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);

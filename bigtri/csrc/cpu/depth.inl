@@ -26,10 +26,10 @@ BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* 
   if (!d->thin) {
     d->dzdx = r.dzdx;
     d->dzdy = r.dzdy;
-    d->zcell = depth_at(r.x, r.y, r.z, divisor((double)r.area), bin_x * kBin, bin_y * kBin);
+    d->zcell = depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin);
     return;
   }
-  d->area = (double)r.area;
+  d->area = r.area.value;
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(r.x, r.y, k);
     d->e[k] = (double)edge_value(e, pixel_centre(bin_x * kBin), pixel_centre(bin_y * kBin));

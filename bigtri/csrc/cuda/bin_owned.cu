@@ -17,10 +17,10 @@ namespace {
 // Shared memory of a block that sets up all triangles itself.
 template <int kWarps>
 struct FewShared {
-  static constexpr int kMost = 16 * kWarps, kRecords = 20 * kWarps;  // triangles; records at a time, the parts of clipped triangles among them
+  static constexpr int kMost = 16 * kWarps, kRecords = 19 * kWarps;  // triangles; records at a time, the parts of clipped triangles among them
   union {
     PatchShared<kWarps> patch;  // has to come first
-    Vertex corners[3 * kMost];
+    Vertex corners[3 * kMost];  // all vertices, or three for each triangle
     ClipScratch clip[kWarps / 2];
   };
   Record records[kRecords];
@@ -40,38 +40,46 @@ static_assert(sizeof(FewShared<16>) <= 64 * 1024, "as much as a block can have o
 // Sets up the triangles; returns how many were dropped. By all threads.
 template <int kWarps>
 __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) {
+  constexpr int kThreads = kWarps * kWarp;
   const int t = threadIdx.x;
-  if (t < 2) s->waiting_count[t] = 0;
-  if (t == 0) {
+  int32_t corner[3];  // where the thread's triangle has its own
+  const bool valid = t < f.count && load_indices(f, t, corner);
+  if (f.vertices <= 3 * FewShared<kWarps>::kMost) {  // all vertices, each once, and without waiting for the indices
+    for (int i = t; i < f.vertices; i += kThreads) s->corners[i] = load_and_project(f, i);
+  } else {
+    project_corners(f, 0, f.count, s->corners, t, kThreads);
+    for (int k = 0; k < 3; ++k) corner[k] = 3 * t + k;
+  }
+  if (t == kThreads - 1) {
+    s->waiting_count[0] = s->waiting_count[1] = 0;
     s->round = 0;
     s->patch.begin(f.count, false);
   }
   begin_turn<kWarps>(f, blockIdx.x);
-  project_corners(f, 0, f.count, s->corners, t, kWarps * kWarp);
   __syncthreads();
-  Fate fate = Fate::kNothing;
-  if (t < f.count) {
+  Fate fate = t < f.count ? Fate::kDropped : Fate::kNothing;
+  if (t < f.count) s->boxes[t] = kNoBox;
+  if (valid) {
     Primitive p;
-    fate = assemble(f, s->corners + 3 * t, &p);
-    uint32_t box = kNoBox;
+    const Vertex v[3] = {s->corners[corner[0]], s->corners[corner[1]], s->corners[corner[2]]};
+    fate = assemble(f, v, &p);
     if (fate == Fate::kWhole) {
       fill_record(p, t, &s->records[t]);
-      box = box_of(s->records[t]);
+      s->boxes[t] = box_of(s->records[t]);
     }
-    s->boxes[t] = box;
     if (fate == Fate::kClip) s->waiting[0][atomicAdd(&s->waiting_count[0], 1)] = (uint16_t)t;
   }
   return __syncthreads_count(fate == Fate::kDropped);
 }
 
-// Clips what waits in round `round`, a triangle a warp, and puts the parts behind `first` records. Those that find no room wait for the next round. By all threads.
+// Clips what waits in round `round`, a triangle a warp, and puts the parts behind the whole triangles, in later rounds where these were. Those that find no room wait for the next round. By all threads.
 template <int kWarps>
-__device__ __noinline__ void clip_few(const Frame& f, FewShared<kWarps>* s, int first, int round) {
+__device__ __noinline__ void clip_few(const Frame& f, FewShared<kWarps>* s, int round) {
   const int warp = threadIdx.x / kWarp, now = round & 1, later = now ^ 1, count = s->waiting_count[now];
   __syncthreads();
   if (threadIdx.x == 0) {
     s->round = round;
-    s->record_count = first;
+    s->record_count = round > 0 ? 0 : f.count;
     s->record_end = FewShared<kWarps>::kRecords;
     s->waiting_count[later] = 0;
   }
@@ -109,13 +117,13 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __g
   FewShared<kWarps>* const s = reinterpret_cast<FewShared<kWarps>*>(memory);
   const int dropped = set_up_few(f, s);
   if (blockIdx.x == 0 && threadIdx.x == 0) *f.dropped = dropped;
-  if (s->waiting_count[0] > 0) clip_few(f, s, f.count, 0);
+  if (s->waiting_count[0] > 0) clip_few(f, s, 0);
 #pragma unroll 1
   for (;;) {
     draw_patches<kWarps, Output::kWrite, false>(f, Candidates{s->records, s->boxes}, room);
     const int round = reread(s->round) + 1;
     if (s->waiting_count[round & 1] == 0) return;
-    clip_few(f, s, 0, round);
+    clip_few(f, s, round);
   }
 }
 

@@ -19,7 +19,7 @@ __device__ __forceinline__ bool narrow_edges(const Record& r, int bin_x, int bin
 }
 
 __device__ __forceinline__ CellPlane cell_plane(const Record& r, int bin_x, int bin_y) {
-  return {depth_at(r.x, r.y, r.z, divisor((double)r.area), bin_x * kBin, bin_y * kBin), r.dzdx, r.dzdy};
+  return {depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin), r.dzdx, r.dzdy};
 }
 
 // A record within one bin.
@@ -28,7 +28,7 @@ struct Entry {
   NarrowEdge edge[3];  // from the bin's first pixel
   float zmin, zmax;
   uint32_t triangle;
-  uint32_t info;  // slot of the record << 5 | whether its plane needs no clamp in the area entered for << 4 | whether it covers that << 3 | its flags
+  uint32_t info;  // slot of the record << 5 | whether finish_depth changes nothing but the type of its plane in the area entered for << 4 | whether it covers that << 3 | its flags
   float nearest;  // depth in that area
 
   __device__ __forceinline__ bool thin() const { return info & kRecordThin; }
@@ -42,16 +42,15 @@ static_assert(kRecordLarge < 8 && kRecordThin < 8 && kRecordFar < 8, "flags fit 
 
 // What a record and an area of a bin have to do with each other.
 struct Meeting {
-  bool meets;
-  bool full;   // covers all of it
-  bool plain;  // finish_depth changes nothing but the type there
-  float nearest;  // its nearest depth there
+  float nearest;  // the record's nearest depth there; NaN where they do not meet, which is not nearer than anything
   float farthest;  // the farthest one where it covers all of the area and so hides what lies behind, else infinity
-  int32_t f[3];  // of its edges in the bin, with steps of 0 where bit k of `constant` says so: NarrowEdge
+  uint32_t info;  // Entry::info
   uint32_t constant;
+  int32_t f[3];  // of its edges in the bin, with steps of 0 where bit k of `constant` says so: NarrowEdge
   double zcell;
 
-  __device__ __forceinline__ void make_entry(const Record& r, uint32_t slot, Entry* e) const {
+  __device__ __forceinline__ bool meets() const { return nearest == nearest; }
+  __device__ __forceinline__ void make_entry(const Record& r, Entry* e) const {
     e->plane = {zcell, r.dzdx, r.dzdy};
     for (int k = 0; k < 3; ++k) {
       const Edge edge = edge_of(r.x, r.y, k);
@@ -61,49 +60,40 @@ struct Meeting {
     e->zmin = r.zmin;
     e->zmax = r.zmax;
     e->triangle = r.triangle;
-    e->info = slot << 5 | (plain ? Entry::kEntryPlain : 0) | (full ? Entry::kEntryFull : 0) | r.flags;
+    e->info = info;
     e->nearest = nearest;
   }
 };
 
-// Of a record and the area of a bin, px from the bin's corner. Extremes in int64: an edge far away does not fit 32 bits; one that crosses the bin does.
-__device__ __forceinline__ Meeting meet(const Record& r, int bin_x, int bin_y, int left, int top, int columns, int rows) {
+// Of the record in a slot and the area of a bin, px from the bin's corner. Extremes in int64: an edge far away does not fit 32 bits; one that crosses the bin does. Without branches: the edges and the
+// depth are independent of each other, and what takes time here is waiting for one result after the other.
+__device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_x, int bin_y, int left, int top, int columns, int rows) {
   Meeting m;
-  m.meets = false;
-  m.full = true;
-  m.plain = false;
   m.constant = 0;
+  bool meets = true, full = true;
   double g[3];
+#pragma unroll
   for (int k = 0; k < 3; ++k) {
     const Edge edge = edge_of(r.x, r.y, k);
     const int64_t value = edge_value(edge, pixel_centre(bin_x * kBin), pixel_centre(bin_y * kBin));
-    BinEdge b;
-    b.sx = -edge.dy;
-    b.sy = edge.dx;
-    b.f = (value + edge_bias(edge)) >> kSubpixelBits;
-    b.lowest = lowest_of(b.f, b.sx, b.sy, kBin - 1);
-    const int64_t first = b.f + (int64_t)left * b.sx + (int64_t)top * b.sy;
-    if (first + (int64_t)(columns - 1) * max_of(b.sx, 0) + (int64_t)(rows - 1) * max_of(b.sy, 0) < 0) return m;
-    m.full = m.full && first + (int64_t)(columns - 1) * min_of(b.sx, 0) + (int64_t)(rows - 1) * min_of(b.sy, 0) >= 0;
-    const NarrowEdge edge_here = narrow(b);
-    m.f[k] = edge_here.f;
-    m.constant |= b.lowest >= 0 ? 1u << k : 0;
+    const int64_t f = (value + edge_bias(edge)) >> kSubpixelBits;
+    const int32_t sx = -edge.dy, sy = edge.dx;
+    const int64_t first = f + (left * sx + top * sy);  // below 2^31, as in binning.h
+    meets &= first + ((columns - 1) * max_of(sx, 0) + (rows - 1) * max_of(sy, 0)) >= 0;
+    full &= first + ((columns - 1) * min_of(sx, 0) + (rows - 1) * min_of(sy, 0)) >= 0;
+    const bool inside = lowest_of(f, sx, sy, kBin - 1) >= 0;
+    m.constant |= inside ? 1u << k : 0;
+    m.f[k] = inside ? 0 : (int32_t)f;
     g[k] = (double)value;
   }
-  m.meets = true;
-  const bool hides = m.full && !(r.flags & kRecordFar);
-  m.zcell = 0.0;
-  m.nearest = r.zmin;
-  m.farthest = r.zmax;
-  if (!(r.flags & kRecordThin)) {
-    m.zcell = weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], divisor((double)r.area));
-    const CellPlane plane = {m.zcell, r.dzdx, r.dzdy};
-    const double nearest = corner_plane(plane, left, top, columns - 1, rows - 1, false), farthest = corner_plane(plane, left, top, columns - 1, rows - 1, true);
-    m.nearest = finish_depth(nearest, r.zmin, r.zmax);
-    m.farthest = finish_depth(farthest, r.zmin, r.zmax);
-    m.plain = r.zmin > 0.0f && r.zmax <= 1.0f && (float)nearest >= r.zmin && (float)farthest <= r.zmax;
-  }
-  if (!hides) m.farthest = kInfinity;
+  m.zcell = weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], r.area);
+  const CellPlane plane = {m.zcell, r.dzdx, r.dzdy};
+  const double nearest = corner_plane(plane, left, top, columns - 1, rows - 1, false), farthest = corner_plane(plane, left, top, columns - 1, rows - 1, true);
+  const bool thin = r.flags & kRecordThin, hides = full && !(r.flags & kRecordFar);
+  const bool plain = !thin && r.zmin > 0.0f && r.zmax <= 1.0f && (float)nearest >= r.zmin && (float)farthest <= r.zmax;
+  m.nearest = !meets ? kNotANumber : thin ? r.zmin : finish_depth(nearest, r.zmin, r.zmax);
+  m.farthest = !hides ? kInfinity : thin ? r.zmax : finish_depth(farthest, r.zmin, r.zmax);
+  m.info = slot << 5 | (plain ? Entry::kEntryPlain : 0) | (full ? Entry::kEntryFull : 0) | r.flags;
   return m;
 }
 
@@ -122,7 +112,7 @@ __device__ __forceinline__ float bound_depth(const Entry& e, int x, int y, int l
 
 // Depth of pixel (x, y) of the image of a thin record. A call, so that its registers cost the others nothing.
 __device__ __noinline__ float thin_depth(const Record* r, int x, int y) {
-  return finish_depth(depth_at(r->x, r->y, r->z, divisor((double)r->area), x, y), r->zmin, r->zmax);
+  return finish_depth(depth_at(r->x, r->y, r->z, r->area, x, y), r->zmin, r->zmax);
 }
 
 // 64 bits at once.

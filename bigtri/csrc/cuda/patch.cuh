@@ -27,18 +27,23 @@ struct Candidates {
 
 constexpr int kTurn = 8;  // patches that a block takes at a time
 
-// Where a patch of kWarps regions is.
+// kWarps regions of a bin, and what is known of them; 16 bytes, to be read at once.
 template <int kWarps>
-struct Patch {
-  static constexpr int kRows = kWarps / 4 * kRegion;
-  static constexpr int kPerBin = kBin / kRows;
-  static constexpr int kNowhere = 1 << 16;
-  int bin_x, bin_y, top;  // bin_x: kNowhere, with no pixel, behind the last; top: row of the bin where it begins, px
+struct alignas(16) Patch {
+  static constexpr int kRows = kWarps / 4 * kRegion;  // px
+  static constexpr int kNowhere = kBin << 16;  // with no pixel, and in no box
+  int left, top;  // px; left: kNowhere behind the last patch
+  uint32_t far;  // bits of the depth behind which nothing of it can be seen
+  int waiting;  // entries in its list
 
-  __host__ __device__ static int count(const Viewport& v) { return ((v.width + kBin - 1) / kBin) * ((v.height + kRows - 1) / kRows); }
+  __device__ int bin_x() const { return left / kBin; }
+  __device__ int bin_y() const { return top / kBin; }
+
+  __host__ __device__ static int columns(const Viewport& v) { return (v.width + kBin - 1) / kBin; }
+  __host__ __device__ static int count(const Viewport& v) { return columns(v) * ((v.height + kRows - 1) / kRows); }
   __device__ static Patch at(const Viewport& v, int i) {
-    const int columns = (v.width + kBin - 1) / kBin, row = i / columns;
-    return {i - row * columns, row / kPerBin, row % kPerBin * kRows};
+    const int row = i / columns(v);
+    return {i < count(v) ? (i - row * columns(v)) * kBin : kNowhere, row * kRows, float_bits(kInfinity), 0};
   }
 };
 
@@ -61,10 +66,8 @@ struct PatchShared {
   static constexpr int kThreads = kWarps * kWarp, kMaxEntries = 22 * kWarps;
   Entry entries[kMaxEntries];  // of records in the bin that a patch lies in
   uint16_t list[kThreads];  // those that can be seen: a part for each patch
-  int32_t cursor[kThreads];  // the threads' next candidates, while those gathered are drawn because there is no room for more
-  Patch<kWarps> at[kTurn];
-  int list_count[kTurn];
-  uint32_t far[kTurn];  // bits of the depth behind which nothing of the patch can be seen
+  int32_t cursor[kThreads];  // the threads' next candidates, while those gathered are drawn because there is no room for more; from the last thread to the first, since else the compiler keeps an address
+  Patch<kWarps> patch[kTurn];
   int entry_count;  // asked for
   int count;  // candidates
   int together;  // patches looked at together, as a power of two: as many as there are threads to look at the candidates of each
@@ -122,27 +125,22 @@ __device__ __forceinline__ void draw_all(Region& region, const Entry* entries, c
   }
 }
 
-// A warp's region of a patch.
+// The calling warp's region of a patch.
 template <int kWarps>
-__device__ __forceinline__ Region region_of(const Frame& f, const Patch<kWarps>& p, int warp, float far) {
+__device__ __forceinline__ Region region_of(const Frame& f, const Patch<kWarps>& p) {
+  const int warp = (int)(this_thread() / kWarp);
   Region region;
-  region.begin(f, p.bin_x * kBin + (warp & 3) * kRegion, p.bin_y * kBin + p.top + (warp >> 2) * kRegion, far);
+  region.begin(f, p.left + (warp & 3) * kRegion, p.top + (warp >> 2) * kRegion, bits_float(p.far));
   return region;
 }
 
-// The block's turn that begins with patch number `first`. By all threads; a barrier has to follow.
+// The block's turn that begins with patch number `first`. By all threads, of which the last warp's do it, for others may have more to do; a barrier has to follow.
 template <int kWarps>
 __device__ __forceinline__ void begin_turn(const Frame& f, int first) {
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
-  if (this_thread() < kTurn) {
-    const int index = first + (int)(this_thread() * gridDim.x);
-    Patch<kWarps> patch = {Patch<kWarps>::kNowhere, 0, 0};
-    if (index < Patch<kWarps>::count(f.view)) patch = Patch<kWarps>::at(f.view, index);
-    s->at[this_thread()] = patch;
-    s->far[this_thread()] = float_bits(kInfinity);
-    s->list_count[this_thread()] = 0;
-  }
-  if (this_thread() == 0) {
+  const int k = (int)this_thread() - (kWarps - 1) * kWarp;
+  if (k >= 0 && k < kTurn) s->patch[k] = Patch<kWarps>::at(f.view, first + k * (int)gridDim.x);
+  if (k == 0) {
     s->first = first;
     s->entry_count = 0;
     s->touched = 0;
@@ -155,36 +153,38 @@ template <int kWarps, class Candidates>
 __device__ __forceinline__ void gather(const Candidates& candidates, int group, int room) {
   constexpr int kThreads = kWarps * kWarp;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
-  const int count = s->count, each = kThreads >> s->together;  // each: threads for a patch
-  const int own = group + (int)(this_thread() >> (31 - __clz(each))), bin_x = s->at[own].bin_x, bin_y = s->at[own].bin_y;
+  const int count = s->count, each = kThreads >> s->together, local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
+  Patch<kWarps>& patch = s->patch[group + local];
+  const int left = patch.left, top = patch.top;
   // This thread's next candidate in the bin of its patch, from i on.
   const auto next = [&](int i) {
-    while (i < count && !in_box(candidates.boxes[candidates.slot(i)], bin_x, bin_y)) i += each;
+    while (i < count && !in_box(candidates.boxes[candidates.slot(i)], left / kBin, top / kBin)) i += each;
     return i;
   };
-  int i = s->resumed ? s->cursor[this_thread()] : next((int)(this_thread() & (each - 1)));
+  int i = s->resumed ? s->cursor[kThreads - 1 - this_thread()] : next((int)(this_thread() & (each - 1)));
   bool more;
   do {
-    Meeting m;
-    m.meets = false;
-    const int slot = i < count ? candidates.slot(i) : 0;
-    if (i < count) m = meet(candidates.records[slot], bin_x, bin_y, 0, s->at[own].top, kBin, Patch<kWarps>::kRows);
-    if (m.meets && m.farthest < kInfinity) atomicMin(&s->far[own], float_bits(m.farthest));
+    Meeting m = {kNotANumber};  // all of it, or registers would be kept for what the last round left
+    if (i < count) {
+      const int slot = candidates.slot(i);
+      m = meet(candidates.records[slot], (uint32_t)slot, left / kBin, top / kBin, 0, top % kBin, kBin, Patch<kWarps>::kRows);
+      if (m.farthest < kInfinity) atomicMin(&patch.far, float_bits(m.farthest));
+    }
     __syncthreads();
     // What a patch is covered by hides what lies behind. Only what is left takes room.
     bool pending = false;
-    if (m.meets && m.nearest <= bits_float(s->far[own])) {
+    if (m.nearest <= bits_float(patch.far)) {
       const int place = atomicAdd(&s->entry_count, 1);
       pending = place >= room;
       if (!pending) {
-        m.make_entry(candidates.records[slot], (uint32_t)slot, &s->entries[place]);
-        s->list[(own - group) * each + atomicAdd(&s->list_count[own], 1)] = (uint16_t)place;
+        m.make_entry(candidates.records[candidates.slot(i)], &s->entries[place]);
+        s->list[local * each + atomicAdd(&patch.waiting, 1)] = (uint16_t)place;
       }
     }
     if (i < count && !pending) i = next(i + each);
     more = __syncthreads_or(i < count) && s->entry_count <= room;
   } while (more);
-  if (s->entry_count > room) s->cursor[this_thread()] = i;
+  if (s->entry_count > room) s->cursor[kThreads - 1 - this_thread()] = i;
 }
 
 // Draws the patches that are this block's, by all of its threads. What can be seen gathers in shared memory; then each warp draws its region of each patch, the pixels in registers, mostly once. If more
@@ -201,7 +201,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
       for (int i = (int)this_thread(); i < s->count; i += kThreads) {
         const uint32_t box = candidates.boxes[candidates.slot(i)];
 #pragma unroll
-        for (int k = 0; k < kTurn; ++k) touched |= in_box(box, s->at[k].bin_x, s->at[k].bin_y) ? 1u << k : 0;
+        for (int k = 0; k < kTurn; ++k) touched |= in_box(box, s->patch[k].bin_x(), s->patch[k].bin_y()) ? 1u << k : 0;
       }
       if (touched) atomicOr(&s->touched, touched);
       __syncthreads();
@@ -210,22 +210,20 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
     for (;;) {
       if (kMany && reread(s->count) > kThreads / 2)  // then a group is one patch
         for (; group < kTurn && !(s->touched >> group & 1); ++group)
-          if (kOutput == Output::kWrite && !s->drawn && s->at[group].bin_x != Patch<kWarps>::kNowhere)
-            region_of(f, s->at[group], (int)(this_thread() / kWarp), kInfinity).store(f);
-      if (group >= kTurn || s->at[group].bin_x == Patch<kWarps>::kNowhere) break;
-      if (this_thread() == 0) s->group = group;  // seen by all after the barriers of gather()
+          if (kOutput == Output::kWrite && !s->drawn && s->patch[group].left != Patch<kWarps>::kNowhere) region_of(f, s->patch[group]).store(f);
+      if (group >= kTurn || s->patch[group].left == Patch<kWarps>::kNowhere) break;
+      if (this_thread() == kThreads - 1) s->group = group;  // seen by all after the barriers of gather()
       gather<kWarps>(candidates, group, room);
 #pragma unroll 1
       for (int k = 0; k < 1 << reread(s->together); ++k) {
-        const int number = reread(s->group) + k;
-        const Patch<kWarps> p = s->at[number];
-        const int waiting = reread(s->list_count[number]);
-        const bool again = reread(s->drawn) || reread(s->resumed);
-        if (p.bin_x == Patch<kWarps>::kNowhere) break;
-        if (waiting == 0 && (kOutput == Output::kMerge || again)) continue;
-        Region region = region_of(f, p, (int)(this_thread() / kWarp), bits_float(s->far[number]));
+        const Patch<kWarps> patch = s->patch[reread(s->group) + k];
+        const int together = reread(s->together);
+        const bool again = reread(s->drawn) | reread(s->resumed);
+        if (patch.left == Patch<kWarps>::kNowhere) break;
+        if (patch.waiting == 0 && (kOutput == Output::kMerge || again)) continue;
+        Region region = region_of(f, patch);
         if (kOutput == Output::kWrite && again) region.load(f);
-        draw_all(region, s->entries, s->list + k * (kThreads >> reread(s->together)), waiting, kOutput == Output::kMerge || !again, candidates.records);
+        draw_all(region, s->entries, s->list + k * (kThreads >> together), patch.waiting, kOutput == Output::kMerge || !again, candidates.records);
         if (kOutput == Output::kWrite)
           region.store(f);
         else
@@ -234,7 +232,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
       const bool finished = reread(s->entry_count) <= room;
       group = reread(s->group) + (finished ? 1 << reread(s->together) : 0);
       __syncthreads();
-      if (this_thread() < kTurn) s->list_count[this_thread()] = 0;
+      if (this_thread() < kTurn) s->patch[this_thread()].waiting = 0;
       if (this_thread() == 0) {
         s->entry_count = 0;
         s->resumed = !finished;

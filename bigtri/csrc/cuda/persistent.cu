@@ -199,11 +199,9 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
       if (valid) {
         const Record& r = j.records[slot];
         const bool inside = listed || (r.x0 / kBin <= bin_x && (r.x1 - 1) / kBin >= bin_x && r.y0 / kBin <= bin_y && (r.y1 - 1) / kBin >= bin_y);
-        NarrowEdge edge[3];
-        if (inside && (listed || narrow_edges(r, bin_x, bin_y, edge))) {
-          const int at = atomicAdd(&s->count, 1);
-          const Meeting meeting = meet(r, bin_x, bin_y, 0, 0, kBin, kBin);
-          meeting.make_entry(r, (uint32_t)slot, &s->entries[at]);
+        if (inside) {
+          const Meeting meeting = meet(r, (uint32_t)slot, bin_x, bin_y, 0, 0, kBin, kBin);
+          if (meeting.meets()) meeting.make_entry(r, &s->entries[atomicAdd(&s->count, 1)]);
           if (meeting.farthest < kInfinity) atomicMin(&s->far, float_bits(meeting.farthest));
         }
       }

@@ -44,6 +44,12 @@ __device__ __forceinline__ void load_vertex(const Frame& f, int64_t i, float v[4
   }
 }
 
+__device__ __forceinline__ Vertex load_and_project(const Frame& f, int64_t i) {
+  float v[4];
+  load_vertex(f, i, v);
+  return project_vertex(v, f.view.width, f.view.height);
+}
+
 // Vertices of triangle t; false if it names one that there is not.
 __device__ __forceinline__ bool load_indices(const Frame& f, int32_t t, int32_t index[3]) {
   bool valid = true;
@@ -86,13 +92,7 @@ __device__ __forceinline__ Fate set_up(const Frame& f, int32_t t, const Vertex* 
 __device__ __forceinline__ void project_corners(const Frame& f, int64_t base, int count, Vertex* corners, int thread, int threads) {
   for (int c = thread; c < 3 * count; c += threads) {
     const int32_t index = __ldg(f.triangles + 3 * base + c);
-    Vertex corner = {0, 0, 0.0f, kNonFinite};
-    if (index >= 0 && index < f.vertices) {
-      float v[4];
-      load_vertex(f, index, v);
-      corner = project_vertex(v, f.view.width, f.view.height);
-    }
-    corners[c] = corner;
+    corners[c] = index >= 0 && index < f.vertices ? load_and_project(f, index) : Vertex{0, 0, 0.0f, kNonFinite};
   }
 }
 

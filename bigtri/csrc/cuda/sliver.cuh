@@ -107,7 +107,7 @@ __device__ __noinline__ void draw_sliver(const Frame& f, const Record* record, i
     span(max_of(cell * kBin - begin, 0), &from[0], &last);
     span(min_of(cell * kBin + kBin - begin, lines) - 1, &from[1], &last);
     const int row = (low + min_of(from[0], from[1])) / kBin;
-    s->zcell[column][which] = depth_at(r.x, r.y, r.z, divisor((double)r.area), (kWide ? cell : row + which) * kBin, (kWide ? row + which : cell) * kBin);
+    s->zcell[column][which] = depth_at(r.x, r.y, r.z, r.area, (kWide ? cell : row + which) * kBin, (kWide ? row + which : cell) * kBin);
     if (which == 0) s->row[column] = row;
   }
   __syncthreads();
