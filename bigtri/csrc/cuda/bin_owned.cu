@@ -45,7 +45,15 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) 
   int32_t corner[3];  // where the thread's triangle has its own
   const bool valid = t < f.count && load_indices(f, t, corner);
   if (f.vertices <= 3 * FewShared<kWarps>::kMost) {  // all vertices, each once, and without waiting for the indices
-    for (int i = t; i < f.vertices; i += kThreads) s->corners[i] = load_and_project(f, i);
+    constexpr int kEach = 2;
+    static_assert(kEach * kThreads >= 3 * FewShared<kWarps>::kMost, "all of them");
+    float v[kEach][4];
+#pragma unroll
+    for (int k = 0; k < kEach; ++k)  // all loads before the first use
+      if (t + k * kThreads < f.vertices) load_vertex(f, t + k * kThreads, v[k]);
+#pragma unroll
+    for (int k = 0; k < kEach; ++k)
+      if (t + k * kThreads < f.vertices) s->corners[t + k * kThreads] = project_vertex(v[k], f.view.width, f.view.height);
   } else {
     project_corners(f, 0, f.count, s->corners, t, kThreads);
     for (int k = 0; k < 3; ++k) corner[k] = 3 * t + k;

@@ -28,7 +28,8 @@ struct Entry {
   NarrowEdge edge[3];  // from the bin's first pixel
   float zmin, zmax;
   uint32_t triangle;
-  uint32_t info;  // slot of the record << 5 | whether finish_depth changes nothing but the type of its plane in the area entered for << 4 | whether it covers that << 3 | its flags
+  uint32_t
+      info;  // slot of the record << 5 | whether finish_depth changes nothing but the type of its plane in the area entered for << 4 | whether it covers that << 3 | its flags
   float nearest;  // depth in that area
 
   __device__ __forceinline__ bool thin() const { return info & kRecordThin; }
@@ -111,9 +112,7 @@ __device__ __forceinline__ float bound_depth(const Entry& e, int x, int y, int l
 }
 
 // Depth of pixel (x, y) of the image of a thin record. A call, so that its registers cost the others nothing.
-__device__ __noinline__ float thin_depth(const Record* r, int x, int y) {
-  return finish_depth(depth_at(r->x, r->y, r->z, r->area, x, y), r->zmin, r->zmax);
-}
+__device__ __noinline__ float thin_depth(const Record* r, int x, int y) { return finish_depth(depth_at(r->x, r->y, r->z, r->area, x, y), r->zmin, r->zmax); }
 
 // 64 bits at once.
 __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, bool read_first) {

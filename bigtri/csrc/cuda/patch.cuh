@@ -66,13 +66,13 @@ struct PatchShared {
   static constexpr int kThreads = kWarps * kWarp, kMaxEntries = 22 * kWarps;
   Entry entries[kMaxEntries];  // of records in the bin that a patch lies in
   uint16_t list[kThreads];  // those that can be seen: a part for each patch
-  int32_t cursor[kThreads];  // the threads' next candidates, while those gathered are drawn because there is no room for more; from the last thread to the first, since else the compiler keeps an address
+  int32_t cursor
+      [kThreads];  // the threads' next candidates, while those gathered are drawn because there is no room for more; from the last thread to the first, since else the compiler keeps an address
   Patch<kWarps> patch[kTurn];
   int entry_count;  // asked for
   int count;  // candidates
   int together;  // patches looked at together, as a power of two: as many as there are threads to look at the candidates of each
-  int first;  // number of the first patch of the turn
-  int group;  // the first of the turn's patches that are looked at together
+  int next;  // number of the first patch of the next turn
   unsigned touched;  // bits of the patches that have a candidate, where these are many
   bool drawn;  // the frame holds what has been drawn before
   bool resumed;  // the patches have been drawn once
@@ -141,7 +141,7 @@ __device__ __forceinline__ void begin_turn(const Frame& f, int first) {
   const int k = (int)this_thread() - (kWarps - 1) * kWarp;
   if (k >= 0 && k < kTurn) s->patch[k] = Patch<kWarps>::at(f.view, first + k * (int)gridDim.x);
   if (k == 0) {
-    s->first = first;
+    s->next = first + kTurn * (int)gridDim.x;
     s->entry_count = 0;
     s->touched = 0;
     s->resumed = false;
@@ -149,16 +149,20 @@ __device__ __forceinline__ void begin_turn(const Frame& f, int first) {
 }
 
 // Makes entries of the candidates for the patches from `group` on, as many as there is room for. By all threads; ends with a barrier.
-template <int kWarps, class Candidates>
+template <int kWarps, bool kMany, class Candidates>
 __device__ __forceinline__ void gather(const Candidates& candidates, int group, int room) {
   constexpr int kThreads = kWarps * kWarp;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   const int count = s->count, each = kThreads >> s->together, local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
   Patch<kWarps>& patch = s->patch[group + local];
   const int left = patch.left, top = patch.top;
-  // This thread's next candidate in the bin of its patch, from i on.
+  // This thread's next candidate in the bin of its patch, from i on. Without a loop where there is only one.
   const auto next = [&](int i) {
-    while (i < count && !in_box(candidates.boxes[candidates.slot(i)], left / kBin, top / kBin)) i += each;
+    const auto elsewhere = [&] { return i < count && !in_box(candidates.boxes[candidates.slot(i)], left / kBin, top / kBin); };
+    if (kMany)
+      while (elsewhere()) i += each;
+    else if (elsewhere())
+      i = count;
     return i;
   };
   int i = s->resumed ? s->cursor[kThreads - 1 - this_thread()] : next((int)(this_thread() & (each - 1)));
@@ -195,6 +199,8 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
   constexpr int kThreads = kWarps * kWarp;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   room = min_of(room, PatchShared<kWarps>::kMaxEntries);
+  const auto there = [&](int group) { return group < kTurn && s->patch[group].left != Patch<kWarps>::kNowhere; };
+  const auto last_turn = [&] { return reread(s->next) >= Patch<kWarps>::count(f.view); };
   for (;;) {
     if (kMany && s->count > kThreads / 2) {  // look at them once for all patches
       unsigned touched = 0;
@@ -206,19 +212,17 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
       if (touched) atomicOr(&s->touched, touched);
       __syncthreads();
     }
-    int group = 0;
-    for (;;) {
+    for (int group = 0;;) {
       if (kMany && reread(s->count) > kThreads / 2)  // then a group is one patch
         for (; group < kTurn && !(s->touched >> group & 1); ++group)
           if (kOutput == Output::kWrite && !s->drawn && s->patch[group].left != Patch<kWarps>::kNowhere) region_of(f, s->patch[group]).store(f);
-      if (group >= kTurn || s->patch[group].left == Patch<kWarps>::kNowhere) break;
-      if (this_thread() == kThreads - 1) s->group = group;  // seen by all after the barriers of gather()
-      gather<kWarps>(candidates, group, room);
+      if (!there(group)) break;
+      gather<kWarps, kMany>(candidates, group, room);
+      const int together = s->together;
+      const bool again = s->drawn | s->resumed;
 #pragma unroll 1
-      for (int k = 0; k < 1 << reread(s->together); ++k) {
-        const Patch<kWarps> patch = s->patch[reread(s->group) + k];
-        const int together = reread(s->together);
-        const bool again = reread(s->drawn) | reread(s->resumed);
+      for (int k = 0; k < 1 << together; ++k) {
+        const Patch<kWarps> patch = s->patch[group + k];
         if (patch.left == Patch<kWarps>::kNowhere) break;
         if (patch.waiting == 0 && (kOutput == Output::kMerge || again)) continue;
         Region region = region_of(f, patch);
@@ -230,7 +234,8 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
           region.merge(f);
       }
       const bool finished = reread(s->entry_count) <= room;
-      group = reread(s->group) + (finished ? 1 << reread(s->together) : 0);
+      group += finished ? 1 << together : 0;
+      if (!there(group) && last_turn()) return;
       __syncthreads();
       if (this_thread() < kTurn) s->patch[this_thread()].waiting = 0;
       if (this_thread() == 0) {
@@ -239,10 +244,10 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
       }
       __syncthreads();
     }
-    const int first = reread(s->first) + kTurn * (int)gridDim.x;
-    if (first >= Patch<kWarps>::count(f.view)) return;
+    if (last_turn()) return;
+    const int next = reread(s->next);
     __syncthreads();  // nobody looks at the patches of this turn any more
-    begin_turn<kWarps>(f, first);
+    begin_turn<kWarps>(f, next);
     __syncthreads();
   }
 }

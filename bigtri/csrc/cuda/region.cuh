@@ -23,6 +23,9 @@ __device__ __forceinline__ int computed_here(int v) {
   return v;
 }
 
+// Of a number from 0 on: an addition, where a conversion is slow.
+__device__ __forceinline__ double exact_double(int v) { return bits_double(0x4330000000000000ull | (uint32_t)v) - 4503599627370496.0; }  // 2^52
+
 // A lane's pixels, and drawing into them.
 struct Region {
   int64_t best[kLanePixels];
@@ -72,7 +75,7 @@ struct Region {
     }
     if (e.thin() || e.far()) return draw_special(e, covered, records);
     // Sums of small integers are exact, and cheaper than conversions. Not computed once for all entries: there are no registers to keep them in.
-    const double column = computed_here(i), line = computed_here(j);
+    const double column = exact_double(computed_here(i)), line = exact_double(computed_here(j));
     const double left = plane_column<double>(e.plane.dzdx, column), right = plane_column<double>(e.plane.dzdx, column + 1.0);
     if (first && e.plain()) {  // as most of large triangles
 #pragma unroll
