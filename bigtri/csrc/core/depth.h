@@ -39,7 +39,7 @@ struct CellPlane {
 // The plane's nearest (farthest) value over the pixels from (i, j) to (i + last_x, j + last_y) of the cell: at a corner, with the pixels' own arithmetic, so exact.
 BIGTRI_HD double corner_plane(const CellPlane& p, int i, int j, int last_x, int last_y, bool farthest) {
   const int x = (p.dzdx < 0) != farthest ? i + last_x : i, y = (p.dzdy < 0) != farthest ? j + last_y : j;
-  return plane_row<double>(p.zcell, p.dzdy, y) + plane_column<double>(p.dzdx, x);
+  return plane_row<double>(p.zcell, p.dzdy, exact_double(y)) + plane_column<double>(p.dzdx, exact_double(x));
 }
 
 BIGTRI_HD float corner_depth(const CellPlane& p, float zmin, float zmax, int i, int j, int last_x, int last_y, bool farthest) {

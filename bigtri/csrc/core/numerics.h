@@ -53,6 +53,15 @@ BIGTRI_HD int64_t edge_steps(const Edge& e, int32_t x, int32_t y) { return (edge
 // Twice the signed area, subpx^2; > 0 is clockwise on the screen (y down).
 BIGTRI_HD int64_t twice_area(const int32_t x[3], const int32_t y[3]) { return (int64_t)(x[1] - x[0]) * (y[2] - y[0]) - (int64_t)(y[1] - y[0]) * (x[2] - x[0]); }
 
+// Of a number from 0 on. A GPU adds faster than it converts: 2^52 + v is the bits of 2^52 with v in the lowest ones.
+BIGTRI_HD double exact_double(int v) {
+#if defined(__CUDA_ARCH__)
+  return bits_double(0x4330000000000000ull | (uint32_t)v) - 4503599627370496.0;
+#else
+  return v;
+#endif
+}
+
 // What several numbers are divided by. A GPU divides in some thirty instructions, but in five by a number whose correctly rounded inverse is there: a quotient corrected twice by its exact remainder is
 // correctly rounded too (Markstein 1990, "Computation of elementary functions on the IBM RISC System/6000 processor", theorem 8.1 and what follows from it), where
 // nothing overflows or underflows, as floats and edge values cannot. A zero may have the other sign: no use of them here minds.

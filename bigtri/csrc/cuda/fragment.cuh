@@ -34,7 +34,8 @@ struct Entry {
 
   __device__ __forceinline__ bool thin() const { return info & kRecordThin; }
   __device__ __forceinline__ bool far() const { return info & kRecordFar; }
-  __device__ __forceinline__ bool full() const { return info & kEntryFull; }
+  // Covers all of the area, and finish_depth changes nothing there.
+  __device__ __forceinline__ bool alone() const { return (~info & (kEntryFull | kEntryPlain)) == 0; }
   __device__ __forceinline__ uint32_t slot() const { return info >> 5; }
   __device__ __forceinline__ bool plain() const { return info & kEntryPlain; }
   static constexpr uint32_t kEntryFull = 8, kEntryPlain = 16;
@@ -100,15 +101,15 @@ __device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_
 
 // Extremes of f over the centres from (x, y) to (x + last_x, y + last_y) of the bin.
 __device__ __forceinline__ int32_t highest_over(const NarrowEdge& e, int x, int y, int last_x, int last_y) {
-  return e.f + (e.sx > 0 ? x + last_x : x) * e.sx + (e.sy > 0 ? y + last_y : y) * e.sy;
+  return e.f + x * e.sx + y * e.sy + (last_x * max_of(e.sx, 0) + last_y * max_of(e.sy, 0));
 }
 __device__ __forceinline__ int32_t lowest_over(const NarrowEdge& e, int x, int y, int last_x, int last_y) {
-  return e.f + (e.sx < 0 ? x + last_x : x) * e.sx + (e.sy < 0 ? y + last_y : y) * e.sy;
+  return e.f + x * e.sx + y * e.sy + (last_x * min_of(e.sx, 0) + last_y * min_of(e.sy, 0));
 }
 
 __device__ __forceinline__ float bound_depth(const Entry& e, int x, int y, int last_x, int last_y, bool farthest) {
-  if (e.thin()) return farthest ? e.zmax : e.zmin;
-  return corner_depth(e.plane, e.zmin, e.zmax, x, y, last_x, last_y, farthest);
+  const float depth = corner_depth(e.plane, e.zmin, e.zmax, x, y, last_x, last_y, farthest);
+  return !e.thin() ? depth : farthest ? e.zmax : e.zmin;
 }
 
 // Depth of pixel (x, y) of the image of a thin record. A call, so that its registers cost the others nothing.

@@ -98,24 +98,21 @@ enum class Output { kWrite, kMerge };  // alone on the frame, or beside others
 __device__ __forceinline__ void draw_all(Region& region, const Entry* entries, const uint16_t* list, int count, bool empty, const Record* records) {
   const int x = region.x(), y = region.y();
   for (int base = 0; base < count; base += kWarp) {
-    bool keep = base + lane_id() < count, full = false;
-    if (count > 1 || !entries[list[0]].full()) {  // else there is nothing to find out
-      float nearest = 0.0f, farthest = kInfinity;
-      if (keep) {
-        const Entry& e = entries[list[base + lane_id()]];
-        full = true;
-        for (int k = 0; k < 3; ++k) {
-          keep = keep && highest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
-          full = full && lowest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
-        }
-        if (keep) nearest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, false);
-        if (full && !e.far()) farthest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, true);
+    bool keep = base + lane_id() < count, full = keep;
+    float nearest = 0.0f, farthest = kInfinity;
+    if (keep) {  // without further branches: all of it is independent of each other
+      const Entry& e = entries[list[base + lane_id()]];
+#pragma unroll
+      for (int k = 0; k < 3; ++k) {
+        keep &= highest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
+        full &= lowest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
       }
-      region.far = min_of(region.far, bits_float(warp_min(float_bits(farthest))));  // depths are not negative: their bits are in order
-      keep = keep && nearest <= region.far;
-    } else {
-      full = true;
+      nearest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, false);
+      const float behind = bound_depth(e, x, y, kRegion - 1, kRegion - 1, true);
+      farthest = full && !e.far() ? behind : kInfinity;
     }
+    region.far = min_of(region.far, bits_float(warp_min(float_bits(farthest))));  // depths are not negative: their bits are in order
+    keep = keep && nearest <= region.far;
     const unsigned whole = __ballot_sync(kAllLanes, full);
     for (unsigned todo = __ballot_sync(kAllLanes, keep); todo; todo &= todo - 1) {
       const int i = __ffs(todo) - 1;
@@ -127,10 +124,12 @@ __device__ __forceinline__ void draw_all(Region& region, const Entry* entries, c
 
 // The calling warp's region of a patch.
 template <int kWarps>
-__device__ __forceinline__ Region region_of(const Frame& f, const Patch<kWarps>& p) {
+__device__ __forceinline__ Region region_of(const Patch<kWarps>& p) {
   const int warp = (int)(this_thread() / kWarp);
   Region region;
-  region.begin(f, p.left + (warp & 3) * kRegion, p.top + (warp >> 2) * kRegion, bits_float(p.far));
+  region.left = p.left + (warp & 3) * kRegion;
+  region.top = p.top + (warp >> 2) * kRegion;
+  region.far = bits_float(p.far);
   return region;
 }
 
@@ -215,7 +214,11 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
     for (int group = 0;;) {
       if (kMany && reread(s->count) > kThreads / 2)  // then a group is one patch
         for (; group < kTurn && !(s->touched >> group & 1); ++group)
-          if (kOutput == Output::kWrite && !s->drawn && s->patch[group].left != Patch<kWarps>::kNowhere) region_of(f, s->patch[group]).store(f);
+          if (kOutput == Output::kWrite && !s->drawn && s->patch[group].left != Patch<kWarps>::kNowhere) {
+            Region region = region_of(s->patch[group]);
+            region.clear();
+            region.store(f);
+          }
       if (!there(group)) break;
       gather<kWarps, kMany>(candidates, group, room);
       const int together = s->together;
@@ -225,9 +228,17 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
         const Patch<kWarps> patch = s->patch[group + k];
         if (patch.left == Patch<kWarps>::kNowhere) break;
         if (patch.waiting == 0 && (kOutput == Output::kMerge || again)) continue;
-        Region region = region_of(f, patch);
-        if (kOutput == Output::kWrite && again) region.load(f);
-        draw_all(region, s->entries, s->list + k * (kThreads >> together), patch.waiting, kOutput == Output::kMerge || !again, candidates.records);
+        const uint16_t* const list = s->list + k * (kThreads >> together);
+        const bool empty = kOutput == Output::kMerge || !again;
+        Region region = region_of(patch);
+        if (empty && patch.waiting == 1 && s->entries[list[0]].alone() && region.whole(f)) {
+          region.fill(s->entries[list[0]]);
+        } else {
+          region.begin(f);
+          region.clear();
+          if (!empty) region.load(f);
+          draw_all(region, s->entries, list, patch.waiting, empty, candidates.records);
+        }
         if (kOutput == Output::kWrite)
           region.store(f);
         else

@@ -23,9 +23,6 @@ __device__ __forceinline__ int computed_here(int v) {
   return v;
 }
 
-// Of a number from 0 on: an addition, where a conversion is slow.
-__device__ __forceinline__ double exact_double(int v) { return bits_double(0x4330000000000000ull | (uint32_t)v) - 4503599627370496.0; }  // 2^52
-
 // A lane's pixels, and drawing into them.
 struct Region {
   int64_t best[kLanePixels];
@@ -41,13 +38,19 @@ struct Region {
   __device__ __forceinline__ int lane_left() const { return left + 2 * (lane_id() & 7); }
   __device__ __forceinline__ int lane_top() const { return top + (lane_id() >> 3); }
 
-  __device__ __forceinline__ void begin(const Frame& f, int at_left, int at_top, float far_depth) {
-    left = at_left;
-    top = at_top;
-    far = far_depth;
-    cut = (1u << kLanePixels) - 1;
+  // Whether the scissor leaves all of it.
+  __device__ __forceinline__ bool whole(const Frame& f) const {
+    return left >= f.view.x0 && left + kRegion <= f.view.x1 && top >= f.view.y0 && top + kRegion <= f.view.y1;
+  }
+
+  __device__ __forceinline__ void clear() {
     for (int i = 0; i < kLanePixels; ++i) best[i] = kBackground;
-    if (left >= f.view.x0 && left + kRegion <= f.view.x1 && top >= f.view.y0 && top + kRegion <= f.view.y1) return;
+  }
+
+  // Before draw().
+  __device__ __forceinline__ void begin(const Frame& f) {
+    cut = (1u << kLanePixels) - 1;
+    if (whole(f)) return;
     for (int i = 0; i < kLanePixels; ++i) {
       const int px = lane_left() + i % 2, py = lane_top() + i / 2 * 4;
       if (px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) cut &= ~bit_of(i);
@@ -74,28 +77,35 @@ struct Region {
       covered &= ~outside;
     }
     if (e.thin() || e.far()) return draw_special(e, covered, records);
+    if (first && e.plain())  // as most of large triangles
+      each_depth(e, [&](int n, double z) {
+        if (covered & bit_of(n)) best[n] = packed_of((float)z, e);
+      });
+    else
+      each_depth(e, [&](int n, double z) {
+        const int64_t packed = packed_of(finish_depth(z, e.zmin, e.zmax), e);
+        if ((covered & bit_of(n)) && packed < best[n]) best[n] = packed;
+      });
+  }
+
+  // draw() of an entry that covers all of the region, where nothing else does: begin() and clear() are not needed.
+  __device__ __forceinline__ void fill(const Entry& e) {
+    each_depth(e, [&](int n, double z) { best[n] = packed_of((float)z, e); });
+  }
+
+  static __device__ __forceinline__ int64_t packed_of(float depth, const Entry& e) { return (int64_t)((uint64_t)float_bits(depth) << 32 | e.triangle); }
+
+  // Calls use(index in best, plane) for the lane's pixels.
+  template <class Use>
+  __device__ __forceinline__ void each_depth(const Entry& e, const Use& use) const {
     // Sums of small integers are exact, and cheaper than conversions. Not computed once for all entries: there are no registers to keep them in.
-    const double column = exact_double(computed_here(i)), line = exact_double(computed_here(j));
+    const double column = exact_double(computed_here(lane_left() & (kBin - 1))), line = exact_double(computed_here(lane_top() & (kBin - 1)));
     const double left = plane_column<double>(e.plane.dzdx, column), right = plane_column<double>(e.plane.dzdx, column + 1.0);
-    if (first && e.plain()) {  // as most of large triangles
-#pragma unroll
-      for (int row = 0; row < 4; ++row) {
-        const double start = plane_row<double>(e.plane.zcell, e.plane.dzdy, line + 4.0 * row);
-#pragma unroll
-        for (int c = 0; c < 2; ++c)
-          if (covered & bit_of(2 * row + c)) best[2 * row + c] = (int64_t)((uint64_t)float_bits((float)(start + (c ? right : left))) << 32 | e.triangle);
-      }
-      return;
-    }
 #pragma unroll
     for (int row = 0; row < 4; ++row) {
       const double start = plane_row<double>(e.plane.zcell, e.plane.dzdy, line + 4.0 * row);
-#pragma unroll
-      for (int c = 0; c < 2; ++c) {
-        const int64_t packed = (int64_t)((uint64_t)float_bits(finish_depth(start + (c ? right : left), e.zmin, e.zmax)) << 32 | e.triangle);
-        const int n = 2 * row + c;
-        if ((covered & bit_of(n)) && packed < best[n]) best[n] = packed;
-      }
+      use(2 * row, start + left);
+      use(2 * row + 1, start + right);
     }
   }
 
