@@ -36,14 +36,14 @@ struct alignas(16) Patch {
   uint32_t far;  // bits of the depth behind which nothing of it can be seen
   int waiting;  // entries in its list
 
-  __device__ int bin_x() const { return left / kBin; }
-  __device__ int bin_y() const { return top / kBin; }
+  __device__ int bin_x() const { return left >> kBinBits; }
+  __device__ int bin_y() const { return top >> kBinBits; }
 
   __host__ __device__ static int columns(const Viewport& v) { return (v.width + kBin - 1) / kBin; }
   __host__ __device__ static int count(const Viewport& v) { return columns(v) * ((v.height + kRows - 1) / kRows); }
   __device__ static Patch at(const Viewport& v, int i) {
     const int row = i / columns(v);
-    return {i < count(v) ? (i - row * columns(v)) * kBin : kNowhere, row * kRows, float_bits(kInfinity), 0};
+    return {row * kRows < v.height ? (i - row * columns(v)) * kBin : kNowhere, row * kRows, float_bits(kInfinity), 0};
   }
 };
 
@@ -73,6 +73,8 @@ struct PatchShared {
   int count;  // candidates
   int together;  // patches looked at together, as a power of two: as many as there are threads to look at the candidates of each
   int next;  // number of the first patch of the next turn
+  bool last;  // there is none
+  int patches;  // of this turn
   unsigned touched;  // bits of the patches that have a candidate, where these are many
   bool drawn;  // the frame holds what has been drawn before
   bool resumed;  // the patches have been drawn once
@@ -140,7 +142,10 @@ __device__ __forceinline__ void begin_turn(const Frame& f, int first) {
   const int k = (int)this_thread() - (kWarps - 1) * kWarp;
   if (k >= 0 && k < kTurn) s->patch[k] = Patch<kWarps>::at(f.view, first + k * (int)gridDim.x);
   if (k == 0) {
-    s->next = first + kTurn * (int)gridDim.x;
+    const int count = Patch<kWarps>::count(f.view), turn = kTurn * (int)gridDim.x;
+    s->next = first + turn;
+    s->last = s->next >= count;
+    s->patches = s->last ? (count - first + (int)gridDim.x - 1) / (int)gridDim.x : kTurn;
     s->entry_count = 0;
     s->touched = 0;
     s->resumed = false;
@@ -157,7 +162,7 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
   const int left = patch.left, top = patch.top;
   // This thread's next candidate in the bin of its patch, from i on. Without a loop where there is only one.
   const auto next = [&](int i) {
-    const auto elsewhere = [&] { return i < count && !in_box(candidates.boxes[candidates.slot(i)], left / kBin, top / kBin); };
+    const auto elsewhere = [&] { return i < count && !in_box(candidates.boxes[candidates.slot(i)], left >> kBinBits, top >> kBinBits); };
     if (kMany)
       while (elsewhere()) i += each;
     else if (elsewhere())
@@ -170,7 +175,7 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
     Meeting m = {kNotANumber};  // all of it, or registers would be kept for what the last round left
     if (i < count) {
       const int slot = candidates.slot(i);
-      m = meet(candidates.records[slot], (uint32_t)slot, left / kBin, top / kBin, 0, top % kBin, kBin, Patch<kWarps>::kRows);
+      m = meet(candidates.records[slot], (uint32_t)slot, left >> kBinBits, top >> kBinBits, 0, top & (kBin - 1), kBin, Patch<kWarps>::kRows);
       if (m.farthest < kInfinity) atomicMin(&patch.far, float_bits(m.farthest));
     }
     __syncthreads();
@@ -185,8 +190,9 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
       }
     }
     if (i < count && !pending) i = next(i + each);
-    more = __syncthreads_or(i < count) && s->entry_count <= room;
+    more = kMany && __syncthreads_or(i < count) && s->entry_count <= room;
   } while (more);
+  if (!kMany) __syncthreads();
   if (s->entry_count > room) s->cursor[kThreads - 1 - this_thread()] = i;
 }
 
@@ -198,8 +204,6 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
   constexpr int kThreads = kWarps * kWarp;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   room = min_of(room, PatchShared<kWarps>::kMaxEntries);
-  const auto there = [&](int group) { return group < kTurn && s->patch[group].left != Patch<kWarps>::kNowhere; };
-  const auto last_turn = [&] { return reread(s->next) >= Patch<kWarps>::count(f.view); };
   for (;;) {
     if (kMany && s->count > kThreads / 2) {  // look at them once for all patches
       unsigned touched = 0;
@@ -213,40 +217,43 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
     }
     for (int group = 0;;) {
       if (kMany && reread(s->count) > kThreads / 2)  // then a group is one patch
-        for (; group < kTurn && !(s->touched >> group & 1); ++group)
-          if (kOutput == Output::kWrite && !s->drawn && s->patch[group].left != Patch<kWarps>::kNowhere) {
+        for (; group < s->patches && !(s->touched >> group & 1); ++group)
+          if (kOutput == Output::kWrite && !s->drawn) {
             Region region = region_of(s->patch[group]);
             region.clear();
             region.store(f);
           }
-      if (!there(group)) break;
+      if (group >= reread(s->patches)) break;
       gather<kWarps, kMany>(candidates, group, room);
       const int together = s->together;
       const bool again = s->drawn | s->resumed;
 #pragma unroll 1
-      for (int k = 0; k < 1 << together; ++k) {
+      for (int k = 0; k < min_of(1 << together, s->patches - group); ++k) {
         const Patch<kWarps> patch = s->patch[group + k];
-        if (patch.left == Patch<kWarps>::kNowhere) break;
         if (patch.waiting == 0 && (kOutput == Output::kMerge || again)) continue;
         const uint16_t* const list = s->list + k * (kThreads >> together);
         const bool empty = kOutput == Output::kMerge || !again;
         Region region = region_of(patch);
-        if (empty && patch.waiting == 1 && s->entries[list[0]].alone() && region.whole(f)) {
+        if (kOutput == Output::kWrite && patch.waiting == 0) {
+          region.clear();
+          region.store(f);
+        } else if (kOutput == Output::kWrite && empty && patch.waiting == 1 && s->entries[list[0]].alone() && region.whole(f)) {
           region.fill(s->entries[list[0]]);
+          region.store(f);
         } else {
           region.begin(f);
           region.clear();
           if (!empty) region.load(f);
           draw_all(region, s->entries, list, patch.waiting, empty, candidates.records);
+          if (kOutput == Output::kWrite)
+            region.store(f);
+          else
+            region.merge(f);
         }
-        if (kOutput == Output::kWrite)
-          region.store(f);
-        else
-          region.merge(f);
       }
       const bool finished = reread(s->entry_count) <= room;
       group += finished ? 1 << together : 0;
-      if (!there(group) && last_turn()) return;
+      if (group >= reread(s->patches) && reread(s->last)) return;
       __syncthreads();
       if (this_thread() < kTurn) s->patch[this_thread()].waiting = 0;
       if (this_thread() == 0) {
@@ -255,7 +262,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
       }
       __syncthreads();
     }
-    if (last_turn()) return;
+    if (reread(s->last)) return;
     const int next = reread(s->next);
     __syncthreads();  // nobody looks at the patches of this turn any more
     begin_turn<kWarps>(f, next);

@@ -9,9 +9,6 @@ namespace {
 constexpr int kRegion = 16;       // px
 constexpr int kLanePixels = 8;    // two next to each other in each of four rows, four rows apart
 
-// Whether two pixels can be stored at once wherever x is even.
-__device__ __forceinline__ bool wide_rows(const Frame& f) { return f.view.width % 2 == 0 && ((uintptr_t)f.packed & 15) == 0; }
-
 // In one instruction: the compiler would make two of most. Streaming: nobody here reads them again, and lines that leave the cache first in the order in which they came are written out faster.
 __device__ __forceinline__ void store_pair(int64_t* to, int64_t a, int64_t b) {
   asm volatile("st.global.cs.v2.s64 [%0], {%1, %2};" ::"l"(to), "l"(a), "l"(b) : "memory");
@@ -23,11 +20,17 @@ __device__ __forceinline__ int computed_here(int v) {
   return v;
 }
 
+// Whether two pixels can be stored at once wherever x is even.
+__device__ __forceinline__ bool wide_rows(const Frame& f) { return ((computed_here(f.view.width) & 1) | (computed_here((int)(uintptr_t)f.packed) & 15)) == 0; }
+
+// A pixel's place in the image: below 2^28, and 2^29 for those beyond its edges.
+__device__ __forceinline__ uint32_t offset_of(const Frame& f, int x, int y) { return (uint32_t)(y * f.view.width + x); }
+
 // A lane's pixels, and drawing into them.
 struct Region {
   int64_t best[kLanePixels];
   int left, top;  // px
-  float far;     // behind this depth nothing of the region can be seen
+  float far;  // behind this depth nothing of the region can be seen
   uint32_t cut;  // bits of the lane's pixels that the scissor leaves, the first one highest
 
   static __device__ __forceinline__ uint32_t bit_of(int n) { return 1u << (kLanePixels - 1 - n); }
@@ -134,32 +137,31 @@ struct Region {
     for (int row = 0; row < 4; ++row) {
       const int py = first + 4 * row;
       if (py >= f.view.height) break;
-      const int64_t at = (int64_t)py * f.view.width + px;
+      const uint32_t at = offset_of(f, px, py);
       if (px < f.view.width) use(2 * row, at);
       if (px + 1 < f.view.width) use(2 * row + 1, at + 1);
     }
   }
 
   __device__ __forceinline__ void load(const Frame& f) {
-    each(f, [&](int n, int64_t at) { best[n] = f.packed[at]; });
+    each(f, [&](int n, uint32_t at) { best[n] = f.packed[at]; });
   }
 
   __device__ __forceinline__ void store(const Frame& f) const {
     const int px = computed_here(lane_left()), py = computed_here(lane_top());
-    if (wide_rows(f)) {
-      int64_t* to = f.packed + (int64_t)py * f.view.width + px;
+    if (wide_rows(f) && left + kRegion <= f.view.width && top + kRegion <= f.view.height) {
+      int64_t* to = f.packed + offset_of(f, px, py);
 #pragma unroll
-      for (int row = 0; row < 4; ++row, to += 4 * (int64_t)f.view.width)
-        if (px < f.view.width && py + 4 * row < f.view.height) store_pair(to, best[2 * row], best[2 * row + 1]);
+      for (int row = 0; row < 4; ++row, to += 4 * (int64_t)f.view.width) store_pair(to, best[2 * row], best[2 * row + 1]);
     } else {
-      each(f, [&](int n, int64_t at) { __stcs(reinterpret_cast<long long*>(f.packed) + at, (long long)best[n]); });
+      each(f, [&](int n, uint32_t at) { __stcs(reinterpret_cast<long long*>(f.packed) + at, (long long)best[n]); });
     }
-    if (f.depth) each(f, [&](int n, int64_t at) { __stcs(f.depth + at, depth_of(best[n])); });
+    if (f.depth) each(f, [&](int n, uint32_t at) { __stcs(f.depth + at, depth_of(best[n])); });
   }
 
   // Where others draw at the same time.
   __device__ __forceinline__ void merge(const Frame& f) const {
-    each(f, [&](int n, int64_t at) {
+    each(f, [&](int n, uint32_t at) {
       if (best[n] != kBackground) keep_nearest(f.packed + at, best[n], false);
     });
   }
