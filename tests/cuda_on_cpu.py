@@ -41,6 +41,7 @@ CHANGES = (
     (LAUNCH, r'run_grid("\1", dim3(\2), dim3(\3), \4, [&] { \1(\5); });'),
     (r'asm volatile\("mov\.u32 %0, %%tid\.x;".*', "i = threadIdx.x;"),
     (r'asm volatile\("st\.global\.cs\.v2.*', "if ((uintptr_t)to & 15) abort(); to[0] = a; to[1] = b;"),
+    (r'asm volatile\("prefetch\.global\.L1.*', "(void)*static_cast<const volatile char*>(from);"),
     (r'asm volatile\("red\.relaxed\.gpu\.global\.min\.s64.*', "if (packed < *pixel) *pixel = packed;"),
 )
 NO_ASSEMBLY = 'asm volatile("" : "+r"(v));'  # stays: it says something to the compiler only

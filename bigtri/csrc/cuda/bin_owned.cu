@@ -254,10 +254,9 @@ __global__ void __launch_bounds__(kSliverThreads, 8) draw_slivers(const __grid_c
   let_next_begin();
   wait_for_previous();
   const RecordCandidates candidates(r);
-  draw_all_slivers(f, candidates.count(), &shared, [&](int i) {
-    const int slot = candidates.slot(i);
-    return r.boxes[slot] == kSliverBox ? r.records + slot : nullptr;
-  });
+  const int first = (int)blockIdx.x / sliver_chunks(f.view);
+  if (first < f.count) prefetch_sliver(candidates, first);  // not after the number of candidates is known, which takes as long
+  draw_all_slivers(f, candidates, candidates.count(), &shared);
 }
 
 template <int kWarps>
@@ -347,7 +346,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_queued(const 
     __syncthreads();
     draw_patches<kWarps, Output::kMerge, true>(f, Candidates{q.large, q.boxes}, room);
   }
-  draw_all_slivers(f, slivers, &shared, [&](int i) { return q.slivers + i; });
+  draw_all_slivers(f, Candidates{q.slivers, nullptr}, slivers, &shared);
 }
 
 template <int kWarps>

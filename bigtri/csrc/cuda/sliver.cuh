@@ -14,7 +14,7 @@ __device__ __forceinline__ bool is_sliver(const Primitive& p) {
 }
 
 // A block draws a sliver over so many cells along it. Each of their columns it meets in at most so many rows of cells, if it is as thin as slivers are.
-constexpr int kSliverCells = 32, kSliverRows = 3;
+constexpr int kSliverCells = 64, kSliverRows = 3;
 constexpr int kSliverChunk = kSliverCells * kBin;  // px
 
 // Chunks that any sliver of a frame can have.
@@ -43,8 +43,9 @@ __device__ __forceinline__ Crossing crossing_of(int64_t f, int32_t step, int32_t
   return c;
 }
 
-// Shared memory of a block: where a chunk's lines cross the edges, and the planes of the cells that it meets, by their anchors.
+// Shared memory of a block: a sliver, where a chunk's lines cross its edges, and the planes of the cells that it meets, by their anchors.
 struct SliverShared {
+  Record record;
   Crossing crossing[3];
   double zcell[kSliverCells][kSliverRows];
   int row[kSliverCells];  // the first
@@ -72,10 +73,11 @@ __device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* reco
   }
 }
 
-// The part of a sliver in one chunk, by all threads of a block, at least 64, on a frame that has been cleared. kWide: a line is a column of the image, else a row. A call, so that its registers cost its callers nothing.
+// The part of the sliver s->record in one chunk, by all threads of a block, at least 128, on a frame that has been cleared. kWide: a line is a column of the image, else a row. A call, so that its
+// registers cost its callers nothing.
 template <bool kWide>
-__device__ __noinline__ void draw_sliver(const Frame& f, const Record* record, int chunk, SliverShared* s) {
-  const Record& r = *record;
+__device__ __noinline__ void draw_sliver(const Frame& f, int chunk, SliverShared* s) {
+  const Record& r = s->record;
   const int begin = max_of(chunk * kSliverChunk, kWide ? r.x0 : r.y0), lines = min_of((chunk + 1) * kSliverChunk, kWide ? r.x1 : r.y1) - begin;
   if (lines <= 0) return;
   const int low = kWide ? r.y0 : r.x0, end = (kWide ? r.y1 : r.x1) - low;  // pixels of a line
@@ -84,7 +86,7 @@ __device__ __noinline__ void draw_sliver(const Frame& f, const Record* record, i
     s->crossing[threadIdx.x] = crossing_of(edge_steps(e, kWide ? begin : low, kWide ? low : begin), kWide ? e.dx : -e.dy, kWide ? -e.dy : e.dx);
   }
   __syncthreads();
-  const Crossing* const crossing = s->crossing;
+  const Crossing crossing[3] = {s->crossing[0], s->crossing[1], s->crossing[2]};
   const bool exact = !(r.flags & kRecordThin) && crossing[0].exact && crossing[1].exact && crossing[2].exact;
   // Of line n: the first pixel, at most `end`, and the last.
   const auto span = [&](int n, int* from, int* last) {
@@ -125,7 +127,8 @@ __device__ __noinline__ void draw_sliver(const Frame& f, const Record* record, i
     from += low;
     last = base + (int)threadIdx.x < lines ? last + low : -1;
     const int line = begin + n, column = (line >> kBinBits) - first_cell;
-    const int row = s->row[column], line_in_cell = line & (kBin - 1);
+    const int row = s->row[column];
+    const double across = exact_double(line & (kBin - 1));
     if (from <= last && (!exact || (from >> kBinBits) < row || (last >> kBinBits) >= row + kSliverRows)) {
       odd |= 1u << turn;
       last = -1;
@@ -133,9 +136,8 @@ __device__ __noinline__ void draw_sliver(const Frame& f, const Record* record, i
     const double* const zcell = s->zcell[column] - row;
 #pragma unroll 1
     for (int m = from; m <= last; ++m) {
-      const int in_cell = m & (kBin - 1);
-      const double z =
-          plane_row<double>(zcell[m >> kBinBits], dzdy, kWide ? in_cell : line_in_cell) + plane_column<double>(dzdx, kWide ? line_in_cell : in_cell);
+      const double along = exact_double(m & (kBin - 1));
+      const double z = plane_row<double>(zcell[m >> kBinBits], dzdy, kWide ? along : across) + plane_column<double>(dzdx, kWide ? across : along);
       const int at = kWide ? m * width + line : line * width + m;
       keep_nearest(packed + (uint32_t)at, pack_fragment(finish_depth(z, zmin, zmax), triangle), false);
     }
@@ -145,25 +147,37 @@ __device__ __noinline__ void draw_sliver(const Frame& f, const Record* record, i
     const int n = (__ffs(odd) - 1) * (int)blockDim.x + (int)threadIdx.x;
     int from, last;
     span(n, &from, &last);
-    draw_sliver_line(f, record, kWide, begin + n, low + from, low + last);
+    draw_sliver_line(f, &r, kWide, begin + n, low + from, low + last);
   }
-  __syncthreads();  // the planes are read no more
 }
 
-// Slivers 0 .. count - 1, a chunk a block at a time, by all blocks of a grid. get(i): the record, or null.
-template <class Get>
-__device__ __forceinline__ void draw_all_slivers(const Frame& f, int count, SliverShared* shared, const Get& get) {
+// Brings what says whether candidate number i is a sliver, and its record, near to the multiprocessor. By all threads of a block.
+template <class Candidates>
+__device__ __forceinline__ void prefetch_sliver(const Candidates& candidates, int i) {
+  const int slot = candidates.slot(i), part = threadIdx.x;
+  const char* const record = reinterpret_cast<const char*>(candidates.records + slot);
+  const void* const from = part == 0 ? reinterpret_cast<const char*>(candidates.boxes + slot) : record + (part == 1 ? 0 : sizeof(Record) - 1);
+  if (part < 3 && (part > 0 || candidates.boxes)) asm volatile("prefetch.global.L1 [%0];" ::"l"(__cvta_generic_to_global(from)));
+}
+
+// Of candidates 0 .. count - 1 those whose box is kSliverBox, or all if they have no boxes; a chunk a block at a time, by all blocks of a grid.
+template <class Candidates>
+__device__ __forceinline__ void draw_all_slivers(const Frame& f, const Candidates& candidates, int count, SliverShared* s) {
+  constexpr int kWords = sizeof(Record) / sizeof(uint32_t);
   const int chunks = sliver_chunks(f.view);
   const int64_t items = (int64_t)count * chunks;
   for (int64_t i = blockIdx.x; i < items; i += gridDim.x) {
-    const int number = (int)(i / chunks);
-    const Record* r = get(number);
-    if (!r) continue;
+    const int number = (int)(i / chunks), slot = candidates.slot(number);
+    if (i + gridDim.x < items) prefetch_sliver(candidates, (int)((i + gridDim.x) / chunks));
+    if (candidates.boxes && candidates.boxes[slot] != kSliverBox) continue;
+    __syncthreads();  // the last one has been drawn
+    if (threadIdx.x < kWords) reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] = reinterpret_cast<const uint32_t*>(candidates.records + slot)[threadIdx.x];
+    __syncthreads();
     const int chunk = (int)(i - (int64_t)number * chunks);
-    if (extent(r->x) >= extent(r->y))
-      draw_sliver<true>(f, r, chunk, shared);
+    if (extent(s->record.x) >= extent(s->record.y))
+      draw_sliver<true>(f, chunk, s);
     else
-      draw_sliver<false>(f, r, chunk, shared);
+      draw_sliver<false>(f, chunk, s);
   }
 }
 
