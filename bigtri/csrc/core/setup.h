@@ -32,28 +32,42 @@ BIGTRI_HD double round_half_even(double v) {
   return (v + magic) - magic;
 }
 
-// low and high are integers, so clamping before rounding gives what clamping after it gives, and a NaN becomes low.
-BIGTRI_HD int32_t clamp_round(double v, double low, double high) {
+// low and high are integers, so clamping before rounding gives what clamping after it gives. A NaN becomes anything between.
+BIGTRI_HD int32_t clamp_round(double v, int32_t low, int32_t high) {
+#if defined(__CUDA_ARCH__)
+  return min_of(max_of(__double2int_rn(v), low), high);  // what is beyond int32 becomes its end
+#else
   v = v >= low ? v : low;
   v = v <= high ? v : high;
   return (int32_t)round_half_even(v);
+#endif
 }
 
 template <class W>  // double or Divisor
 BIGTRI_HD int32_t snap_x(double x, const W& w, int width) {
-  const double half = 128.0 * width;
-  return 128 * width + clamp_round(quotient(x, w) * half, -(double)kGuard - half, (double)(kGuard - 1) - half);
+  const int32_t half = 128 * width;
+  return half + clamp_round(quotient(x, w) * half, -kGuard - half, kGuard - 1 - half);
 }
 
 template <class W>
 BIGTRI_HD int32_t snap_y(double y, const W& w, int height) {
-  const double half = 128.0 * height;
-  return 128 * height - clamp_round(quotient(y, w) * half, half - (double)kGuard + 1.0, half + (double)kGuard);
+  const int32_t half = 128 * height;
+  return half - clamp_round(quotient(y, w) * half, half - kGuard + 1, half + kGuard);
 }
 
 template <class T>
-BIGTRI_HD float window_depth(T z, T w) {
-  return (float)((z / w) * (T)0.5 + (T)0.5);
+BIGTRI_HD float window_depth(T z_by_w) {
+  return (float)(z_by_w * (T)0.5 + (T)0.5);
+}
+
+// z / w in float32, w a float32: a GPU takes the inverse that is there already. Rounding a quotient of two float32 numbers to float64 first does not change what float32 it rounds to (Figueroa 1995, "When
+// is double rounding innocuous?").
+BIGTRI_HD float float_quotient(float z, const Divisor& w) {
+#if defined(__CUDA_ARCH__)
+  return (float)quotient(z, w);
+#else
+  return z / (float)w.value;
+#endif
 }
 
 BIGTRI_HD bool is_finite(float v) { return (float_bits(v) & 0x7f800000u) != 0x7f800000u; }
@@ -61,7 +75,7 @@ BIGTRI_HD bool is_finite(float v) { return (float_bits(v) & 0x7f800000u) != 0x7f
 // Inside the view frustum, whose planes all six clip planes lie outside of or on: most vertices, for seven comparisons. A NaN is not; an infinite w would be.
 BIGTRI_HD bool in_frustum(const float v[4]) {
   const float w = v[3];
-  return w > 0 && w < kInfinity && v[0] <= w && v[0] >= -w && v[1] <= w && v[1] >= -w && v[2] <= w && v[2] >= -w;
+  return (w > 0) & (w < kInfinity) & (v[0] <= w) & (v[0] >= -w) & (v[1] <= w) & (v[1] >= -w) & (v[2] <= w) & (v[2] >= -w);
 }
 
 BIGTRI_HD uint32_t vertex_flags(const float v[4], int width, int height) {
@@ -76,7 +90,7 @@ BIGTRI_HD uint32_t vertex_flags(const float v[4], int width, int height) {
 
 BIGTRI_HD Vertex project_vertex(const float v[4], int width, int height) {
   const Divisor w = divisor(v[3]);
-  return {snap_x(v[0], w, width), snap_y(v[1], w, height), window_depth<float>(v[2], v[3]), vertex_flags(v, width, height)};
+  return {snap_x(v[0], w, width), snap_y(v[1], w, height), window_depth(float_quotient(v[2], w)), vertex_flags(v, width, height)};
 }
 
 // Element i of three. Not an array: a GPU keeps those that are indexed with what it cannot know in slow memory.
@@ -122,9 +136,9 @@ BIGTRI_HD Vertex project_clipped(const ClipVertex& v, int width, int height) {
   out.x = (v.made & 2) ? -kGuard : (v.made & 4) ? kGuard - 1 : snap_x(v.position[0], w, width);
   out.y = (v.made & 8) ? -kGuard : (v.made & 16) ? kGuard - 1 : snap_y(v.position[1], w, height);
   if (v.made == 0)  // an original vertex: from its float32 inputs, as if it had not been clipped
-    out.z = window_depth<float>((float)v.position[2], (float)w);
+    out.z = window_depth((float)v.position[2] / (float)w);
   else  // rounding may have put it a little in front of the near plane
-    out.z = (v.made & (1u << kNear)) ? 0.0f : max_of(window_depth<double>(v.position[2], w), 0.0f);
+    out.z = (v.made & (1u << kNear)) ? 0.0f : max_of(window_depth(v.position[2] / w), 0.0f);
   out.flags = 0;
   return out;
 }
