@@ -59,6 +59,8 @@ inline unsigned ballot(bool v, const char* file, int line) {
 #define __any_sync(mask, v) (ballot((v), __FILE__, __LINE__) != 0)
 #define __shfl_sync(mask, v, lane) value_of_lane((v), (unsigned)(lane), __FILE__, __LINE__)
 #define __shfl_xor_sync(mask, v, step) value_of_lane((v), threadIdx.x ^ (unsigned)(step), __FILE__, __LINE__)
+#define __shfl_down_sync(mask, v, step) \
+  value_of_lane((v), (threadIdx.x & 31) + (unsigned)(step) > 31 ? threadIdx.x : threadIdx.x + (unsigned)(step), __FILE__, __LINE__)
 #define __shfl_up_sync(mask, v, step) \
   value_of_lane((v), (threadIdx.x & 31) < (unsigned)(step) ? threadIdx.x : threadIdx.x - (unsigned)(step), __FILE__, __LINE__)
 #define __syncthreads() ((void)block_sum(0, __FILE__, __LINE__))

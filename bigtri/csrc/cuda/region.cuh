@@ -148,13 +148,26 @@ struct Region {
   }
 
   __device__ __forceinline__ void store(const Frame& f) const {
-    const int px = computed_here(lane_left()), py = computed_here(lane_top());
-    if (wide_rows(f) && left + kRegion <= f.view.width && top + kRegion <= f.view.height) {
-      int64_t* to = f.packed + offset_of(f, px, py);
-#pragma unroll
-      for (int row = 0; row < 4; ++row, to += 4 * (int64_t)f.view.width) store_pair(to, best[2 * row], best[2 * row + 1]);
-    } else {
+    int64_t* const to = f.packed + offset_of(f, computed_here(lane_left()), computed_here(lane_top()));
+    const int64_t down = 4 * (int64_t)f.view.width;
+    if (left + kRegion > f.view.width || top + kRegion > f.view.height) {
       each(f, [&](int n, uint32_t at) { __stcs(reinterpret_cast<long long*>(f.packed) + at, (long long)best[n]); });
+    } else if (wide_rows(f)) {
+#pragma unroll
+      for (int row = 0; row < 4; ++row) store_pair(to + row * down, best[2 * row], best[2 * row + 1]);
+    } else {  // where a lane's pixels do not lie in one place of 16 bytes, its second and the next lane's first do
+      const bool shifted = ((uintptr_t)to & 15) != 0;  // all four rows are, or none: they are an even number of rows apart
+      const bool first = (lane_id() & 7) == 0, last = (lane_id() & 7) == 7;
+#pragma unroll
+      for (int row = 0; row < 4; ++row) {
+        int64_t* const at = to + row * down;
+        const int64_t next = __shfl_down_sync(kAllLanes, best[2 * row], 1);
+        if (!shifted)
+          store_pair(at, best[2 * row], best[2 * row + 1]);
+        else if (!last)
+          store_pair(at + 1, best[2 * row + 1], next);
+        if (shifted && (first || last)) __stcs(reinterpret_cast<long long*>(at) + last, (long long)(first ? best[2 * row] : best[2 * row + 1]));
+      }
     }
     if (f.depth) each(f, [&](int n, uint32_t at) { __stcs(f.depth + at, depth_of(best[n])); });
   }
