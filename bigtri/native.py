@@ -100,7 +100,7 @@ class CudaTuning(NamedTuple):
 
     few: up to so many triangles, and 16 for each warp of a block, every block sets up all of them by itself.
     some: up to so many, every block looks at all of them; above, small triangles are drawn at once and only large ones wait.
-    warps: of a block that owns pixels, 4, 8 or 16.
+    warps: of a block that owns pixels, 4, 8 or 16; 0 for what suits the number of triangles.
     blocks: of kernels whose blocks take work in turns; 0 for as many as the device holds.
     entries: records that a block draws together, 1 to 352, at most 22 for each of its warps.
     queue: records that may wait; what finds no room is drawn on the spot.

@@ -251,7 +251,7 @@ def test_triangles_without_vertices_are_all_dropped(variant, path):
 SETTINGS: dict[str, tuple[int | None, ...]] = {
     "few": (None, 0, 1, 64, 65536),
     "some": (None, 0, 65536),
-    "warps": (None, 4, 8, 16),
+    "warps": (0, 4, 8, 16),
     "blocks": (0, 1, 3, 1000),
     "entries": (None, 1, 2, 352),
     "queue": (None, 1, 2),

@@ -26,7 +26,7 @@ pytestmark = [
 PIXELS = 150_000  # of cases that are not too large
 SETTINGS = {
     "entries": (1, 2, 352),
-    "warps": (4, 8, 16),
+    "warps": (0, 4, 8, 16),
     "blocks": (0, 1, 3, 1000),
     "queue": (1, 2, 1 << 18),
     "threshold": (0, 64, 4000, 10**9),

@@ -366,8 +366,10 @@ cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStrea
 
 enum class Path { kFew, kSome, kMany };
 
+int warps_of(const Frame& f, const Tuning& t) { return t.warps > 0 ? (int)t.warps : f.count <= 128 ? 8 : 16; }
+
 Path path_of(const Frame& f, const Tuning& t) {
-  if (f.count <= min_of(t.few, 16 * t.warps)) return Path::kFew;
+  if (f.count <= min_of<int64_t>(t.few, 16 * warps_of(f, t))) return Path::kFew;
   return f.count <= t.some ? Path::kSome : Path::kMany;
 }
 
@@ -394,7 +396,7 @@ int64_t bin_owned_scratch(const Frame& f, const Tuning& t) {
 }
 
 cudaError_t draw_bin_owned(const Frame& f, const Tuning& t, void* scratch, cudaStream_t stream) {
-  switch (t.warps) {
+  switch (warps_of(f, t)) {
     case 4: return launch<4>(f, t, scratch, stream);
     case 16: return launch<16>(f, t, scratch, stream);
     default: return launch<8>(f, t, scratch, stream);

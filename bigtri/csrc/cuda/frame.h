@@ -23,11 +23,11 @@ struct Frame {
 struct Tuning {
   int64_t few = 256;    // up to so many triangles, and 16 for each warp of a block, every block sets up all of them by itself
   int64_t some = 4096;  // up to so many, every block looks at all of them; above, small triangles are drawn at once and only large ones queued
-  int64_t warps = 16;          // of a block that owns a patch of 64 px by 4 px a warp: 4, 8 or 16
+  int64_t warps = 0;           // of a block that owns a patch of 64 px by 4 px a warp: 4, 8 or 16; 0: 8 for up to 128 triangles, else 16
   int64_t blocks = 0;          // of a kernel whose blocks take work in turns; 0: as many as the device holds at once
   int64_t entries = 352;       // records that a block draws together, at most 22 for each of its warps
   int64_t queue = 1 << 18;     // records that may wait; what finds no room is drawn on the spot
-  int64_t threshold = kLargeThreshold;  // px of bbox above which a record waits for a block that owns the bin
+  int64_t threshold = 1000;    // px of bbox above which a record waits for a block that owns the bin
 };
 constexpr int kTuningFields = 7;
 Tuning tuning();

@@ -152,6 +152,25 @@ __device__ __forceinline__ void begin_turn(const Frame& f, int first) {
   }
 }
 
+// Calls use(box) for candidates i, i + step, ... until it returns true; returns that i, or count. Where there are many, four boxes at once, so that their loads do not wait for each other.
+template <bool kMany, class Candidates, class Use>
+__device__ __forceinline__ int find_box(const Candidates& candidates, int i, int step, int count, const Use& use) {
+  constexpr int kAtOnce = 4;
+  const auto box_at = [&](int n) { return candidates.boxes[candidates.slot(n)]; };
+  if (kMany)
+    for (; i + (kAtOnce - 1) * step < count; i += kAtOnce * step) {
+      uint32_t box[kAtOnce];
+      for (int k = 0; k < kAtOnce; ++k) box[k] = box_at(i + k * step);
+      for (int k = 0; k < kAtOnce; ++k)
+        if (use(box[k])) return i + k * step;
+    }
+  for (; i < count; i += step) {
+    if (use(box_at(i))) return i;
+    if (!kMany) break;  // there is only one
+  }
+  return count;
+}
+
 // Makes entries of the candidates for the patches from `group` on, as many as there is room for. By all threads; ends with a barrier.
 template <int kWarps, bool kMany, class Candidates>
 __device__ __forceinline__ void gather(const Candidates& candidates, int group, int room) {
@@ -160,14 +179,9 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
   const int count = s->count, each = kThreads >> s->together, local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
   Patch<kWarps>& patch = s->patch[group + local];
   const int left = patch.left, top = patch.top;
-  // This thread's next candidate in the bin of its patch, from i on. Without a loop where there is only one.
+  // This thread's next candidate in the bin of its patch, from i on.
   const auto next = [&](int i) {
-    const auto elsewhere = [&] { return i < count && !in_box(candidates.boxes[candidates.slot(i)], left >> kBinBits, top >> kBinBits); };
-    if (kMany)
-      while (elsewhere()) i += each;
-    else if (elsewhere())
-      i = count;
-    return i;
+    return find_box<kMany>(candidates, i, each, count, [&](uint32_t box) { return in_box(box, left >> kBinBits, top >> kBinBits); });
   };
   int i = s->resumed ? s->cursor[kThreads - 1 - this_thread()] : next((int)(this_thread() & (each - 1)));
   bool more;
@@ -207,11 +221,11 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
   for (;;) {
     if (kMany && s->count > kThreads / 2) {  // look at them once for all patches
       unsigned touched = 0;
-      for (int i = (int)this_thread(); i < s->count; i += kThreads) {
-        const uint32_t box = candidates.boxes[candidates.slot(i)];
+      find_box<kMany>(candidates, (int)this_thread(), kThreads, s->count, [&](uint32_t box) {
 #pragma unroll
         for (int k = 0; k < kTurn; ++k) touched |= in_box(box, s->patch[k].bin_x(), s->patch[k].bin_y()) ? 1u << k : 0;
-      }
+        return false;
+      });
       if (touched) atomicOr(&s->touched, touched);
       __syncthreads();
     }
