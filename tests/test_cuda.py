@@ -255,7 +255,7 @@ SETTINGS: dict[str, tuple[int | None, ...]] = {
     "blocks": (0, 1, 3, 1000),
     "entries": (None, 1, 2, 352),
     "queue": (None, 1, 2),
-    "threshold": (0, 64, 4000, 10**9),
+    "threshold": (-1, 0, 64, 4000, 10**9),
 }
 COMBINATIONS = 100
 
@@ -301,6 +301,7 @@ def test_settings_are_restored():
         {"queue": 0},
         {"blocks": -1},
         {"few": -1},
+        {"threshold": -2},
         {"some": 2**17},
     ):
         with pytest.raises(RuntimeError, match="set_cuda_tuning"), native.cuda_tuning(**wrong):

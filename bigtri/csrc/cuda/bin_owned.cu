@@ -325,12 +325,12 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Queues& q, int6
 
 // Each warp takes `share` triangles, so that there are warps enough also where triangles are not.
 __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
-    draw_many(const __grid_constant__ Frame f, const __grid_constant__ Queues q, const __grid_constant__ Tuning t, int share) {
+    draw_many(const __grid_constant__ Frame f, const __grid_constant__ Queues q, int64_t threshold, int share) {
   __shared__ WarpShared shared[kShareThreads / kWarp];
   let_next_begin();
   wait_for_previous();
   set_up_share(f, q.projected, share, shared,
-               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { queue_or_draw(f, q, t.threshold, p, triangle, have, record); });
+               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { queue_or_draw(f, q, threshold, p, triangle, have, record); });
 }
 
 // What waits, onto what has been drawn.
@@ -357,7 +357,7 @@ cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStrea
   int share;
   int64_t set_up_blocks;
   BIGTRI_CUDA(share_triangles(draw_many, kShareThreads, f.count, &share, &set_up_blocks));
-  BIGTRI_CUDA(launch_next(draw_many, set_up_blocks, kShareThreads, 0, stream, f, q, t, share));
+  BIGTRI_CUDA(launch_next(draw_many, set_up_blocks, kShareThreads, 0, stream, f, q, threshold_of(f, t), share));
   int blocks;
   BIGTRI_CUDA(blocks_for(draw_queued<kWarps>, kWarps * kWarp, sizeof(PatchShared<kWarps>), Patch<kWarps>::count(f.view), t, &blocks));
   BIGTRI_CUDA(launch_next(draw_queued<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, f, q, (int)t.entries));

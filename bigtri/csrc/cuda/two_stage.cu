@@ -80,12 +80,12 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, int64
 constexpr int kThreads = 256;
 
 __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
-    set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ Queue q, const __grid_constant__ Tuning t, int share) {
+    set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ Queue q, int64_t threshold, int share) {
   __shared__ WarpShared shared[kShareThreads / kWarp];
   let_next_begin();
   wait_for_previous();
   set_up_share(f, q.projected, share, shared,
-               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { queue_or_draw(f, q, t.threshold, p, triangle, have, record); });
+               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { queue_or_draw(f, q, threshold, p, triangle, have, record); });
 }
 
 __global__ void __launch_bounds__(kThreads) draw_pairs(const __grid_constant__ Frame f, const __grid_constant__ Queue q) {
@@ -118,7 +118,7 @@ cudaError_t draw_two_stage(const Frame& f, const Tuning& t, void* memory, cudaSt
     int share, blocks;
     int64_t set_up_blocks;
     BIGTRI_CUDA(share_triangles(set_up_and_enqueue, kShareThreads, f.count, &share, &set_up_blocks));
-    BIGTRI_CUDA(launch_next(set_up_and_enqueue, set_up_blocks, kShareThreads, 0, stream, f, q, t, share));
+    BIGTRI_CUDA(launch_next(set_up_and_enqueue, set_up_blocks, kShareThreads, 0, stream, f, q, threshold_of(f, t), share));
     BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, t, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
   }
