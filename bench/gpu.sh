@@ -105,10 +105,9 @@ for name in "${steps[@]}"; do
       "$tool" --tool memcheck "${only[@]}" true >/dev/null 2>&1 || only=()
       # torch's allocator would hide what lies beyond a tensor: without its cache each tensor is an allocation of its own
       step sanitize-plain "$seconds" 5 "$PYTHON" bench/sanitize.py
-      for check in memcheck racecheck synccheck initcheck; do
+      for check in memcheck racecheck synccheck; do
         extra=()
         [ $check = memcheck ] || extra=(--quick)
-        [ $check = initcheck ] && only=() # what torch's kernels write counts, too
         step "sanitize-$check" $((seconds + 30)) 8 env PYTORCH_NO_CUDA_MEMORY_CACHING=1 "$tool" --tool $check --error-exitcode 9 \
           "${only[@]}" "$PYTHON" bench/sanitize.py --total "$seconds" "${extra[@]}"
         grep -m 5 -A 12 "=========.*\(Invalid\|Error\|Race\|Uninit\|Barrier\)" "$OUT/sanitize-$check.log"

@@ -1,4 +1,5 @@
 """Draws a small image in every way there is, for compute-sanitizer: every CUDA variant, every path of it, small queues, depth.
+Then interpolates, samples, lights and encodes over it.
 
 compute-sanitizer --tool memcheck python bench/sanitize.py
 compute-sanitizer --tool racecheck python bench/sanitize.py --quick
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import sys
 import time
 
@@ -19,6 +21,7 @@ import torch
 
 import bigtri
 from bigtri import native, scenes
+from bigtri.texture import FILTERS, WRAPS
 
 PATHS: dict[str, dict[str, int]] = {
     "as it is": {},
@@ -74,6 +77,24 @@ def pictures(width: int, height: int) -> dict[str, scenes.Scene]:
     }
 
 
+def shaded(positions: torch.Tensor, triangles: torch.Tensor, packed: torch.Tensor) -> dict[str, torch.Tensor]:
+    """What reads a visibility buffer, each operator with each of its settings."""
+
+    def given(*shape: int) -> torch.Tensor:
+        return torch.from_numpy(np.random.default_rng(shape).uniform(-0.2, 1.4, shape).astype(np.float32)).to(packed.device)
+
+    found = {"barycentrics": bigtri.barycentrics(packed, positions, triangles)}
+    for channels in (1, 2, 3, 5):
+        found[f"interpolate {channels}"] = bigtri.interpolate(given(len(positions), channels), packed, positions, triangles)
+    uv = found["interpolate 2"]
+    for how, wrap in itertools.product(FILTERS, WRAPS):
+        found[f"sample_texture {how} {wrap}"] = bigtri.sample_texture(given(13, 7, 3), uv, filter=how, wrap=wrap)
+    normals = found["interpolate 3"]
+    found["lambert"] = bigtri.lambert(normals, given(*normals.shape), given(3), given(2, 3), given(2, 3))
+    found["encode_srgb"] = bigtri.encode_srgb(found["lambert"])
+    return found
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--size", default="200x150", help="WIDTHxHEIGHT (default 200x150)")
@@ -107,6 +128,12 @@ def main() -> int:
                     drawn, wrong = drawn + 1, wrong + bits
                     if bits:
                         print(f"{title}; {how}; {variant}, {path}, depth={depth}: {bits} values differ", flush=True)
+        seen, expected = (shaded(*at, bigtri.rasterize(*at, (height, width)).packed) for at in (here, on_cpu))
+        for name, values in expected.items():
+            bits = int((seen[name].cpu().view(torch.uint8) != values.view(torch.uint8)).sum())
+            drawn, wrong = drawn + 1, wrong + bits
+            if bits:
+                print(f"{title}; {name}: {bits} bytes differ", flush=True)
         print(f"{title}: done after {drawn} images", flush=True)
     print(f"{drawn} images, {wrong} values differ from the CPU's" + (f", {skipped} skipped: --total" if skipped else ""))
     return 1 if wrong else 0

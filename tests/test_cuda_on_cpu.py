@@ -123,7 +123,7 @@ def test_nothing_to_draw(variant: str) -> None:
         ("region.cuh", "at[k] += step[k];", "at[k] += 2 * step[k];", "values differ"),
         ("persistent.cu", "WarpOwn warp[kWarps];", "WarpOwn warp[kWarps / kWarps];", "cuda_on_cpu: "),
         ("patch.cuh", "if (k == 0) {", "if (k == 0) { __syncthreads();", "cuda_on_cpu: "),
-        ("bin_owned.cu", "begin_turn<kWarps>(f, blockIdx.x);\n  __syncthreads();\n  Fate", "begin_turn<kWarps>(f, blockIdx.x);\n  Fate", "values differ"),
+        ("bin_owned.cu", "blockIdx.x);\n  __syncthreads();\n  Fate", "blockIdx.x);\n  Fate", "values differ"),
     ],
 )
 def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path: Path) -> None:

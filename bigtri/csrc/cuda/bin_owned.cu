@@ -47,13 +47,7 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) 
   if (f.vertices <= 3 * FewShared<kWarps>::kMost) {  // all vertices, each once, and without waiting for the indices
     constexpr int kEach = 2;
     static_assert(kEach * kThreads >= 3 * FewShared<kWarps>::kMost, "all of them");
-    float v[kEach][4];
-#pragma unroll
-    for (int k = 0; k < kEach; ++k)  // all loads before the first use
-      if (t + k * kThreads < f.vertices) load_vertex(f, t + k * kThreads, v[k]);
-#pragma unroll
-    for (int k = 0; k < kEach; ++k)
-      if (t + k * kThreads < f.vertices) s->corners[t + k * kThreads] = project_vertex(v[k], f.view.width, f.view.height);
+    project_vertices<kEach>(f, t, kThreads, [&](const Vertex& p, int64_t i) { s->corners[i] = p; });
   } else {
     project_corners(f, 0, f.count, s->corners, t, kThreads);
     for (int k = 0; k < 3; ++k) corner[k] = 3 * t + k;

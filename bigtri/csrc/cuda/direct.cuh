@@ -79,17 +79,9 @@ __global__ void __launch_bounds__(kClearThreads, 4)
   let_next_begin();
   const int thread = threadIdx.x, projecting = (int)((int64_t)blockIdx.x * projecting_blocks / gridDim.x);  // blocks before this one
   if ((int64_t)(blockIdx.x + 1) * projecting_blocks / gridDim.x > projecting) {
-    const int64_t first = (int64_t)projecting * kProjectVertices + thread;
-    float v[kVerticesEach][4];
-#pragma unroll
-    for (int k = 0; k < kVerticesEach; ++k)  // all loads before the first use
-      if (first + k * kClearThreads < f.vertices) load_vertex(f, first + k * kClearThreads, v[k]);
-#pragma unroll
-    for (int k = 0; k < kVerticesEach; ++k) {
-      if (first + k * kClearThreads >= f.vertices) break;
-      const Vertex p = project_vertex(v[k], f.view.width, f.view.height);
-      reinterpret_cast<int4*>(projected)[first + k * kClearThreads] = make_int4(p.x, p.y, __float_as_int(p.z), (int)p.flags);
-    }
+    project_vertices<kVerticesEach>(f, (int64_t)projecting * kProjectVertices + thread, kClearThreads, [&](const Vertex& p, int64_t i) {
+      reinterpret_cast<int4*>(projected)[i] = make_int4(p.x, p.y, __float_as_int(p.z), (int)p.flags);
+    });
     return;
   }
   // From the end to the beginning: triangles mostly come from the top of the image, which then is what the cache still holds.

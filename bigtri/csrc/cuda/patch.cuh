@@ -66,8 +66,8 @@ struct PatchShared {
   static constexpr int kThreads = kWarps * kWarp, kMaxEntries = 22 * kWarps;
   Entry entries[kMaxEntries];  // of records in the bin that a patch lies in
   uint16_t list[kThreads];  // those that can be seen: a part for each patch
-  int32_t cursor
-      [kThreads];  // the threads' next candidates, while those gathered are drawn because there is no room for more; from the last thread to the first, since else the compiler keeps an address
+  // The threads' next candidates, while those gathered are drawn because there is no room for more; from the last thread to the first, since else the compiler keeps an address.
+  int32_t cursor[kThreads];
   Patch<kWarps> patch[kTurn];
   int entry_count;  // asked for
   int count;  // candidates

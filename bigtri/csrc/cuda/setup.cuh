@@ -50,6 +50,18 @@ __device__ __forceinline__ Vertex load_and_project(const Frame& f, int64_t i) {
   return project_vertex(v, f.view.width, f.view.height);
 }
 
+// Projects vertices first, first + step, ... of a thread, kEach at most, and calls put(vertex, where it is): all are loaded before the first is used.
+template <int kEach, class Put>
+__device__ __forceinline__ void project_vertices(const Frame& f, int64_t first, int step, const Put& put) {
+  float v[kEach][4];
+#pragma unroll
+  for (int k = 0; k < kEach; ++k)
+    if (first + k * step < f.vertices) load_vertex(f, first + k * step, v[k]);
+#pragma unroll
+  for (int k = 0; k < kEach; ++k)
+    if (first + k * step < f.vertices) put(project_vertex(v[k], f.view.width, f.view.height), first + k * step);
+}
+
 // Vertices of triangle t; false if it names one that there is not.
 __device__ __forceinline__ bool load_indices(const Frame& f, int32_t t, int32_t index[3]) {
   bool valid = true;
