@@ -278,6 +278,21 @@ def long_slivers(rng: np.random.Generator) -> Case:
     return from_pixels(xy, rng.uniform(0.02, 1.05, (count, 3)), (size, size))
 
 
+def steep_ends(rng: np.random.Generator) -> Case:
+    """Slivers, none behind another, whose short edge passes pixel centres by less than a pixel in 256 lines.
+
+    It bounds what is drawn, but where it crosses a line says little.
+    """
+    lean, width, mirrored = (v.ravel() for v in np.meshgrid([-2, -1, 0, 1, 2], [4, 8], [1, -1], indexing="ij"))
+    count = len(lean)
+    along = np.stack([np.zeros(count), np.full(count, 70.0), 70 + lean / 256], axis=1) * mirrored[:, None]
+    across = np.stack([np.zeros(count), np.zeros(count), width], axis=1)
+    start = np.stack([np.where(mirrored > 0, 10.5, 90.5), 10.5 + 10 * np.arange(count)], axis=1)
+    flat = np.stack([start[:, :1] + along, start[:, 1:] + across], axis=2)
+    upright = flat[:, :, ::-1] + [90, 0]
+    return from_pixels(np.concatenate([flat, upright]), rng.uniform(0.1, 0.9, (2 * count, 3)), (220, 310))
+
+
 def clipped_fans(rng: np.random.Generator) -> Case:
     """Wedges that open to the right from a point on the screen, cut by the near plane, the guard band and the depth plane.
 
@@ -369,6 +384,7 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
         mesh_of_small,
         small_by_the_screen,
         long_slivers,
+        steep_ends,
         clipped_fans,
         hundreds_in_a_bin,
         steep_from_near,
