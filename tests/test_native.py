@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from cases import CASES, Case
+from test_reference_stages import corners_of_almost_none
 
 import bigtri
 from bigtri import native, stages, verify
@@ -111,6 +112,14 @@ def test_depths_that_vanish(values, isa):
     spans = stages.scanline(records, np.zeros((0, 3), np.int32), np.zeros(0, np.int64), np.arange(len(records.z), dtype=np.int32))
     expected, got = (stages.depth(records, spans, backend=backend) for backend in ("reference", "native"))
     assert not np.signbit(expected).any()
+    wrong = np.flatnonzero(~verify.same_bits(expected, got))
+    assert not len(wrong), f"stage depth, fragment {wrong[0]}: expected {expected[wrong[0]]}, got {got[wrong[0]]}"
+
+
+@pytest.mark.parametrize("size", [300, 30000])
+def test_depths_that_show_every_rounding(size, isa):
+    records, _, spans = corners_of_almost_none(size)
+    expected, got = (stages.depth(records, spans, backend=backend) for backend in ("reference", "native"))
     wrong = np.flatnonzero(~verify.same_bits(expected, got))
     assert not len(wrong), f"stage depth, fragment {wrong[0]}: expected {expected[wrong[0]]}, got {got[wrong[0]]}"
 

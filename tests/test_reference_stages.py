@@ -319,11 +319,10 @@ def test_thin_begins_above_the_ratio(length: int, thickness: int) -> None:
     assert left_over == [True, False, False]
 
 
-@pytest.mark.parametrize("size", [300, 30000])
-def test_depth_next_to_a_corner_of_almost_none(size: int) -> None:
-    """A tiny depth on a pixel centre shows float64's rounding in float32: that of each operation, and of sums by their order.
+def corners_of_almost_none(size: int) -> tuple[Records, list[brute_force.Record], np.ndarray]:
+    """Records, the same one by one, and spans of the pixel at each one's nearest corner, whose depth is 0 or tiny.
 
-    Rounding leaves some planes below their lowest corner, and both zeros are stored as +0, whose bits are 0.
+    There float32 shows float64's rounding: that of each operation, and of sums by their order.
     """
     rng = np.random.default_rng(14)
     corner = 256 * rng.integers(0, [WIDTH, HEIGHT], (600, 1, 2)) + 128
@@ -338,10 +337,16 @@ def test_depth_next_to_a_corner_of_almost_none(size: int) -> None:
     one_by_one = [record._replace(z=tuple(corners)) for record, corners in zip(drawn, records.z.tolist(), strict=True)]
 
     pixels = [(index, *(c // 256 for c in record.xy[record.z.index(min(record.z))])) for index, record in enumerate(one_by_one)]
-    spans = np.array([[index, y, x, x + 1] for index, x, y in pixels], np.int32)
+    return records, one_by_one, np.array([[index, y, x, x + 1] for index, x, y in pixels], np.int32)
+
+
+@pytest.mark.parametrize("size", [300, 30000])
+def test_depth_next_to_a_corner_of_almost_none(size: int) -> None:
+    """Rounding leaves some planes below their lowest corner, and both zeros are stored as +0, whose bits are 0."""
+    records, one_by_one, spans = corners_of_almost_none(size)
     values = depth(records, spans)
     assert (values >= records.z.min(axis=1)).all() and not np.signbit(values).any()
-    assert values.tolist() == [brute_force.depth(one_by_one[index], x, y) for index, x, y in pixels]
+    assert values.tolist() == [brute_force.depth(one_by_one[index], x, y) for index, y, x, _ in spans.tolist()]
     minus_zero = records._replace(z=np.full_like(records.z, -0.0))
     assert not depth(minus_zero, spans).view(np.uint32).any()
 
