@@ -34,9 +34,10 @@ PATHS: dict[str, dict[str, int]] = {
     "some, entries 1, 4 warps": {"few": 0, "some": 65536, "entries": 1, "warps": 4},
     "4 warps": {"warps": 4},
     "8 warps": {"warps": 8},
+    "16 warps": {"warps": 16},
     "one block": {"blocks": 1},
 }
-QUICK = ("as it is", "some", "many", "many, queue 1", "entries 1")
+QUICK = ("as it is", "16 warps", "some", "many", "many, queue 1", "entries 1")
 CULLS = ("none", "back")
 
 

@@ -22,6 +22,7 @@ needs_cuda = pytest.mark.skipif("cuda" not in native.devices(), reason="no CUDA 
 PATHS: dict[str, dict[str, int]] = {
     "default": {},
     "few warps": {"warps": 4},
+    "many warps": {"warps": 16},
     "some": {"few": 0, "some": 65536},
     "many": {"few": 0, "some": 0},
 }

@@ -241,8 +241,6 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_together(cons
   sum_dropped(f, r);
 }
 
-constexpr int kSliverThreads = 128;
-
 __global__ void __launch_bounds__(kSliverThreads, 8) draw_slivers(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
   __shared__ SliverShared shared;
   let_next_begin();

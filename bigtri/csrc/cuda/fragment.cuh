@@ -28,8 +28,8 @@ struct Entry {
   NarrowEdge edge[3];  // from the bin's first pixel
   float zmin, zmax;
   uint32_t triangle;
-  uint32_t
-      info;  // slot of the record << 5 | whether finish_depth changes nothing but the type of its plane in the area entered for << 4 | whether it covers that << 3 | its flags
+  // Slot of the record << 5 | whether finish_depth changes nothing but the type of its plane in the area entered for << 4 | whether it covers that << 3 | its flags.
+  uint32_t info;
   float nearest;  // depth in that area
 
   __device__ __forceinline__ bool thin() const { return info & kRecordThin; }

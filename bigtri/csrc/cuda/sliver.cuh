@@ -16,6 +16,8 @@ __device__ __forceinline__ bool is_sliver(const Primitive& p) {
 // A block draws a sliver over so many cells along it. Each of their columns it meets in at most so many rows of cells, if it is as thin as slivers are.
 constexpr int kSliverCells = 64, kSliverRows = 3;
 constexpr int kSliverChunk = kSliverCells * kBin;  // px
+constexpr int kSliverThreads = 128;  // of a block, at least
+static_assert(kSliverChunk <= 32 * kSliverThreads, "a bit for each of a thread's lines");
 
 // Chunks that any sliver of a frame can have.
 __host__ __device__ inline int sliver_chunks(const Viewport& v) { return (max_of(v.width, v.height) + kSliverChunk - 1) / kSliverChunk; }
@@ -73,7 +75,7 @@ __device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* reco
   }
 }
 
-// The part of the sliver s->record in one chunk, by all threads of a block, at least 128, on a frame that has been cleared. kWide: a line is a column of the image, else a row. A call, so that its
+// The part of the sliver s->record in one chunk, by all threads of a block, at least kSliverThreads, on a frame that has been cleared. kWide: a line is a column of the image, else a row. A call, so that its
 // registers cost its callers nothing.
 template <bool kWide>
 __device__ __noinline__ void draw_sliver(const Frame& f, int chunk, SliverShared* s) {
