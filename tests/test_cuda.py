@@ -255,7 +255,7 @@ SETTINGS: dict[str, tuple[int | None, ...]] = {
     "blocks": (0, 1, 3, 1000),
     "entries": (None, 1, 2, 352),
     "queue": (None, 1, 2),
-    "threshold": (-1, 0, 64, 4000, 10**9),
+    "threshold": (0, 64, 4000, 10**9),
 }
 COMBINATIONS = 100
 

@@ -5,7 +5,7 @@
 
 #include "direct.cuh"
 #include "launch.cuh"
-#include "patch.cuh"
+#include "lists.cuh"
 #include "sliver.cuh"
 #include "small.cuh"
 
@@ -154,6 +154,7 @@ struct Records {
 };
 
 struct RecordCandidates {
+  static constexpr bool kListed = false;
   const Record* records;
   const uint32_t* boxes;
   const Records& all;
@@ -168,6 +169,7 @@ struct RecordCandidates {
     for (; i >= all.part_count[b]; ++b) i -= all.part_count[b];
     return all.first_part(b) + i;
   }
+  __device__ __forceinline__ uint32_t box(int i) const { return boxes[slot(i)]; }
 };
 
 Records take_records(Scratch* scratch, const Frame& f) {
@@ -269,12 +271,13 @@ cudaError_t launch_some(const Frame& f, const Tuning& t, void* memory, cudaStrea
 
 // --- many
 
-enum Counter { kLargeCount, kSliverCount, kCounters };
+enum Counter { kLargeCount, kSliverCount, kListCounts };
 
 struct Queues {
   Record *large, *slivers;
-  uint32_t* boxes;  // of the large ones
+  BinLists lists;  // of the large ones
   uint32_t* counters;
+  int counter_count;
   uint32_t room;  // of either
   Vertex* projected;  // all vertices, or null
 };
@@ -284,8 +287,9 @@ Queues take_queues(Scratch* scratch, const Frame& f, const Tuning& t) {
   q.room = (uint32_t)min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles);
   q.large = scratch->take<Record>(q.room);
   q.slivers = scratch->take<Record>(q.room);
-  q.boxes = scratch->take<uint32_t>(q.room);
-  q.counters = scratch->take<uint32_t>(kCounters);
+  q.counter_count = kListCounts + 1 + (int)bins_of(f.view);
+  q.counters = scratch->take<uint32_t>(q.counter_count);
+  q.lists = take_lists(scratch, f, t, q.room, q.counters + kListCounts);
   q.projected = take_projected(scratch, f);
   return q;
 }
@@ -293,19 +297,21 @@ Queues take_queues(Scratch* scratch, const Frame& f, const Tuning& t) {
 // Queues what waits for a block, and draws the rest at once, a primitive at a time; all lanes. Rarely called, so that its registers cost the small ones nothing.
 __device__ __noinline__ void queue_or_draw(const Frame& f, const Queues& q, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
   Record record;
-  bool now = have;
+  bool now = have, listed = false;
+  uint32_t slot = 0;
   if (have) {
     fill_record(p, triangle, &record, threshold);
     const bool sliver = is_sliver(p);
     if (sliver || (record.flags & kRecordLarge)) {
-      const uint32_t slot = atomicAdd(&q.counters[sliver ? kSliverCount : kLargeCount], 1u);
+      slot = atomicAdd(&q.counters[sliver ? kSliverCount : kLargeCount], 1u);
       if (slot < q.room) {
         (sliver ? q.slivers : q.large)[slot] = record;
-        if (!sliver) q.boxes[slot] = box_of(record);
+        listed = !sliver;
         now = false;
       }
     }
   }
+  put_into_lists(q.lists, p, listed, slot);
   for (unsigned todo = __ballot_sync(kAllLanes, now); todo; todo &= todo - 1) {
     __syncwarp();
     if (lane_id() == __ffs(todo) - 1) *shared = record;
@@ -332,11 +338,11 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_queued(const 
   let_next_begin();
   begin_turn<kWarps>(f, blockIdx.x);
   wait_for_previous();
-  const int large = (int)min_of(q.counters[kLargeCount], q.room), slivers = (int)min_of(q.counters[kSliverCount], q.room);
-  if (large > 0) {
-    if (threadIdx.x == 0) patch_shared<kWarps>()->begin(large, true);
+  const int slivers = (int)min_of(q.counters[kSliverCount], q.room);
+  if (q.counters[kLargeCount] > 0) {
+    if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*q.lists.wide_size, true);
     __syncthreads();
-    draw_patches<kWarps, Output::kMerge, true>(f, Candidates{q.large, q.boxes}, room);
+    draw_patches<kWarps, Output::kMerge, true>(f, ListedCandidates(q.large, q.lists), room);
   }
   draw_all_slivers(f, Candidates{q.slivers, nullptr}, slivers, &shared);
 }
@@ -345,11 +351,11 @@ template <int kWarps>
 cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   const Queues q = take_queues(&scratch, f, t);
-  BIGTRI_CUDA(launch_clear(f, q.projected, q.counters, kCounters, stream));
+  BIGTRI_CUDA(launch_clear(f, q.projected, q.counters, q.counter_count, stream));
   int share;
   int64_t set_up_blocks;
   BIGTRI_CUDA(share_triangles(draw_many, kShareThreads, f.count, &share, &set_up_blocks));
-  BIGTRI_CUDA(launch_next(draw_many, set_up_blocks, kShareThreads, 0, stream, f, q, threshold_of(f, t), share));
+  BIGTRI_CUDA(launch_next(draw_many, set_up_blocks, kShareThreads, 0, stream, f, q, t.threshold, share));
   int blocks;
   BIGTRI_CUDA(blocks_for(draw_queued<kWarps>, kWarps * kWarp, sizeof(PatchShared<kWarps>), Patch<kWarps>::count(f.view), t, &blocks));
   BIGTRI_CUDA(launch_next(draw_queued<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, f, q, (int)t.entries));

@@ -94,9 +94,8 @@ __global__ void __launch_bounds__(kClearThreads, 4)
   } else {
     for (int64_t i = first + thread; i < end; i += kClearThreads) f.packed[i] = kBackground;
   }
-  if (block > 0) return;
-  if (thread == 0) *f.dropped = 0;
-  if (thread < counter_count) counters[thread] = 0;
+  for (int i = block * kClearThreads + thread; i < counter_count; i += ((int)gridDim.x - projecting_blocks) * kClearThreads) counters[i] = 0;
+  if (block == 0 && thread == 0) *f.dropped = 0;
 }
 
 // The depth image of a finished frame.

@@ -30,13 +30,6 @@ cudaError_t blocks_for(Kernel kernel, int threads, int64_t shared_bytes, int64_t
   return cudaSuccess;
 }
 
-// Tuning::threshold, or if that is -1: 1000 px, but more where there are so many bins that looking at a waiting record for each of them would take longer than drawing it at once.
-inline int64_t threshold_of(const Frame& f, const Tuning& t) {
-  if (t.threshold >= 0) return t.threshold;
-  const int64_t bins = (int64_t)((f.view.width + kBin - 1) / kBin) * ((f.view.height + kBin - 1) / kBin);
-  return max_of<int64_t>(1000, bins / 3);
-}
-
 // A kernel of a frame begins while the one in front of it still ends: it may not touch what that one writes before wait_for_previous(), which every kernel but a frame's first calls, so that
 // none can overtake the one before last either.
 __device__ __forceinline__ void wait_for_previous() {

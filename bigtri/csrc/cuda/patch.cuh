@@ -7,8 +7,9 @@
 namespace bigtri {
 namespace {
 
-// The bins that a record touches, first and last column and row, a byte each: what a block looks at before the record itself.
-__device__ __forceinline__ uint32_t box_of(const Record& r) {
+// The bins that a record or primitive touches, first and last column and row, a byte each: what a block looks at before the record itself.
+template <class Boxed>
+__device__ __forceinline__ uint32_t box_of(const Boxed& r) {
   return (uint32_t)(r.x0 / kBin) | (uint32_t)(r.y0 / kBin) << 8 | (uint32_t)((r.x1 - 1) / kBin) << 16 | (uint32_t)((r.y1 - 1) / kBin) << 24;
 }
 constexpr uint32_t kNoBox = 0x000000ff;  // first column after the last: in no bin
@@ -19,10 +20,12 @@ __device__ __forceinline__ bool in_box(uint32_t box, int bin_x, int bin_y) {
 
 // Records one after the other.
 struct Candidates {
+  static constexpr bool kListed = false;
   const Record* records;
   const uint32_t* boxes;
 
   __device__ __forceinline__ int slot(int i) const { return i; }
+  __device__ __forceinline__ uint32_t box(int i) const { return boxes[i]; }
 };
 
 constexpr int kTurn = 8;  // patches that a block takes at a time
@@ -70,7 +73,8 @@ struct PatchShared {
   int32_t cursor[kThreads];
   Patch<kWarps> patch[kTurn];
   int entry_count;  // asked for
-  int count;  // candidates
+  int count;  // candidates that all patches look at
+  int listed[kTurn];  // candidates of each patch besides, in its bin's list
   int together;  // patches looked at together, as a power of two: as many as there are threads to look at the candidates of each
   int next;  // number of the first patch of the next turn
   bool last;  // there is none
@@ -83,7 +87,11 @@ struct PatchShared {
   __device__ __forceinline__ void begin(int candidates, bool on_what_is_there) {
     count = candidates;
     drawn = on_what_is_there;
-    const int bits = 31 - __clz(kThreads) - (count > 1 ? 32 - __clz(count - 1) : 0);
+    look_at(candidates);
+  }
+  // The most candidates that a patch has.
+  __device__ __forceinline__ void look_at(int most) {
+    const int bits = 31 - __clz(kThreads) - (most > 1 ? 32 - __clz(most - 1) : 0);
     together = max_of(min_of(bits, 31 - __clz(kTurn)), 0);
   }
 };
@@ -156,16 +164,15 @@ __device__ __forceinline__ void begin_turn(const Frame& f, int first) {
 template <bool kMany, class Candidates, class Use>
 __device__ __forceinline__ int find_box(const Candidates& candidates, int i, int step, int count, const Use& use) {
   constexpr int kAtOnce = 4;
-  const auto box_at = [&](int n) { return candidates.boxes[candidates.slot(n)]; };
   if (kMany)
     for (; i + (kAtOnce - 1) * step < count; i += kAtOnce * step) {
       uint32_t box[kAtOnce];
-      for (int k = 0; k < kAtOnce; ++k) box[k] = box_at(i + k * step);
+      for (int k = 0; k < kAtOnce; ++k) box[k] = candidates.box(i + k * step);
       for (int k = 0; k < kAtOnce; ++k)
         if (use(box[k])) return i + k * step;
     }
   for (; i < count; i += step) {
-    if (use(box_at(i))) return i;
+    if (use(candidates.box(i))) return i;
     if (!kMany) break;  // there is only one
   }
   return count;
@@ -176,19 +183,27 @@ template <int kWarps, bool kMany, class Candidates>
 __device__ __forceinline__ void gather(const Candidates& candidates, int group, int room) {
   constexpr int kThreads = kWarps * kWarp;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
-  const int count = s->count, each = kThreads >> s->together, local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
+  const int each = kThreads >> s->together, local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
   Patch<kWarps>& patch = s->patch[group + local];
   const int left = patch.left, top = patch.top;
+  // The patch's candidates: first those in the list of its bin, then those of all bins.
+  const int listed = Candidates::kListed ? s->listed[group + local] : 0, count = listed + s->count;
   // This thread's next candidate in the bin of its patch, from i on.
   const auto next = [&](int i) {
-    return find_box<kMany>(candidates, i, each, count, [&](uint32_t box) { return in_box(box, left >> kBinBits, top >> kBinBits); });
+    if (Candidates::kListed && i < listed) return i;
+    return listed + find_box<kMany>(candidates, i - listed, each, count - listed, [&](uint32_t box) { return in_box(box, left >> kBinBits, top >> kBinBits); });
+  };
+  const auto slot_of = [&](int i) {
+    if constexpr (Candidates::kListed)
+      if (i < listed) return candidates.listed_slot(left >> kBinBits, top >> kBinBits, i);
+    return candidates.slot(i - listed);
   };
   int i = s->resumed ? s->cursor[kThreads - 1 - this_thread()] : next((int)(this_thread() & (each - 1)));
   bool more;
   do {
     Meeting m = {kNotANumber};  // all of it, or registers would be kept for what the last round left
     if (i < count) {
-      const int slot = candidates.slot(i);
+      const int slot = slot_of(i);
       m = meet(candidates.records[slot], (uint32_t)slot, left >> kBinBits, top >> kBinBits, 0, top & (kBin - 1), kBin, Patch<kWarps>::kRows);
       if (m.farthest < kInfinity) atomicMin(&patch.far, float_bits(m.farthest));
     }
@@ -199,7 +214,7 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
       const int place = atomicAdd(&s->entry_count, 1);
       pending = place >= room;
       if (!pending) {
-        m.make_entry(candidates.records[candidates.slot(i)], &s->entries[place]);
+        m.make_entry(candidates.records[kMany ? (int)(m.info >> 5) : i], &s->entries[place]);
         s->list[local * each + atomicAdd(&patch.waiting, 1)] = (uint16_t)place;
       }
     }
@@ -212,15 +227,30 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
 
 // Draws the patches that are this block's, by all of its threads. What can be seen gathers in shared memory; then each warp draws its region of each patch, the pixels in registers, mostly once. If more
 // gathers than there is room for, the patches are drawn several times, each time from what the last one left. Before: begin_turn(f, blockIdx.x), PatchShared::begin, a barrier.
-// kMany: there can be more candidates than half as many as threads. Candidates: int slot(int i); const Record* records; const uint32_t* boxes.
+// kMany: there can be more candidates than half as many as threads. Candidates: const Record* records; of those that all patches look at uint32_t box(int i), int slot(int i); if kListed, of those in a bin's list
+// int listed(int bin_x, int bin_y), int listed_slot(int bin_x, int bin_y, int i).
 template <int kWarps, Output kOutput, bool kMany, class Candidates>
 __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& candidates, int room) {
   constexpr int kThreads = kWarps * kWarp;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   room = min_of(room, PatchShared<kWarps>::kMaxEntries);
   for (;;) {
-    if (kMany && s->count > kThreads / 2) {  // look at them once for all patches
+    if constexpr (Candidates::kListed) {
+      const int k = (int)this_thread();
+      if (k < kWarp) {
+        if (k < kTurn) s->listed[k] = k < s->patches ? candidates.listed(s->patch[k].bin_x(), s->patch[k].bin_y()) : 0;
+        __syncwarp();
+        if (k == 0) {
+          int most = 0;
+          for (int n : s->listed) most = max_of(most, n);
+          s->look_at(most + s->count);
+        }
+      }
+      __syncthreads();
+    }
+    if (kMany && s->together == 0) {  // look at them once for all patches
       unsigned touched = 0;
+      if (Candidates::kListed && this_thread() < kTurn && s->listed[this_thread()] > 0) touched = 1u << this_thread();
       find_box<kMany>(candidates, (int)this_thread(), kThreads, s->count, [&](uint32_t box) {
 #pragma unroll
         for (int k = 0; k < kTurn; ++k) touched |= in_box(box, s->patch[k].bin_x(), s->patch[k].bin_y()) ? 1u << k : 0;
@@ -230,7 +260,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
       __syncthreads();
     }
     for (int group = 0;;) {
-      if (kMany && reread(s->count) > kThreads / 2)  // then a group is one patch
+      if (kMany && reread(s->together) == 0)  // then a group is one patch
         for (; group < s->patches && !(s->touched >> group & 1); ++group)
           if (kOutput == Output::kWrite && !s->drawn) {
             Region region = region_of(s->patch[group]);

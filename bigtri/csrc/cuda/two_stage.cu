@@ -118,7 +118,7 @@ cudaError_t draw_two_stage(const Frame& f, const Tuning& t, void* memory, cudaSt
     int share, blocks;
     int64_t set_up_blocks;
     BIGTRI_CUDA(share_triangles(set_up_and_enqueue, kShareThreads, f.count, &share, &set_up_blocks));
-    BIGTRI_CUDA(launch_next(set_up_and_enqueue, set_up_blocks, kShareThreads, 0, stream, f, q, threshold_of(f, t), share));
+    BIGTRI_CUDA(launch_next(set_up_and_enqueue, set_up_blocks, kShareThreads, 0, stream, f, q, t.threshold, share));
     BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, t, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
   }
