@@ -1,12 +1,11 @@
 // The variant that "auto" means: blocks own pixels and write each once. How triangles get to the pixels depends on how many there are, which the host knows without asking the device:
 //   few   every block sets up all of them by itself, looks at all of them for each of its patches, and draws these;
-//   some  set-up to records; then every block looks at all of them for each of its patches, but for slivers, which are drawn last;
-//   many  clear, set-up that draws small triangles at once and queues large ones and slivers, then these.
+//   some  set-up to records and, for each bin, a list of them; blocks draw their patches from the lists; small triangles last;
+//   many  clear; set-up that draws small triangles at once and puts what is larger into lists; blocks draw these.
 
 #include "direct.cuh"
 #include "launch.cuh"
 #include "lists.cuh"
-#include "sliver.cuh"
 #include "small.cuh"
 
 namespace bigtri {
@@ -122,7 +121,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __g
   if (s->waiting_count[0] > 0) clip_few(f, s, 0);
 #pragma unroll 1
   for (;;) {
-    draw_patches<kWarps, Output::kWrite, false>(f, Candidates{s->records, s->boxes}, room);
+    draw_patches<kWarps, Output::kWrite>(f, Candidates{s->records, s->boxes}, room);
     const int round = reread(s->round) + 1;
     if (s->waiting_count[round & 1] == 0) return;
     clip_few(f, s, round);
@@ -139,180 +138,72 @@ cudaError_t launch_few(const Frame& f, const Tuning& t, cudaStream_t stream) {
 
 // --- some
 
-constexpr int kSetupTriangles = 64, kSetupThreads = 3 * kSetupTriangles;  // a thread a corner, then a thread a triangle
-constexpr int kParts = kSetupTriangles * kMaxSubTriangles;  // that the clipped triangles of a block can become
+// What becomes of a triangle after the owned pixels have been written.
+enum Later : uint8_t { kNothingLater, kSmallLater, kClipLater };
 
-// Record t is triangle t's, if it is drawn whole. The parts of clipped triangles follow, kParts for each block of the set-up; there are part_count of them.
-struct Records {
-  Record* records;
-  uint32_t* boxes;
-  int32_t* part_count;
-  int32_t* dropped;
-  int triangles, blocks;
-
-  __host__ __device__ int first_part(int block) const { return triangles + block * kParts; }
+// Slot t is triangle t's. The parts of clipped triangles follow.
+struct Some {
+  Waiting waiting;
+  uint8_t* later;
 };
 
-struct RecordCandidates {
-  static constexpr bool kListed = false;
-  const Record* records;
-  const uint32_t* boxes;
-  const Records& all;
-
-  __device__ explicit RecordCandidates(const Records& r) : records(r.records), boxes(r.boxes), all(r) {}
-  __device__ __forceinline__ int count() const { return all.triangles + warp_sum(all.part_count, all.blocks); }  // by all lanes of a warp
-  __device__ __forceinline__ int slot(int i) const {
-    if (i < all.triangles) return i;
-    i -= all.triangles;
-    int b = 0;
-#pragma unroll 1
-    for (; i >= all.part_count[b]; ++b) i -= all.part_count[b];
-    return all.first_part(b) + i;
-  }
-  __device__ __forceinline__ uint32_t box(int i) const { return boxes[slot(i)]; }
-};
-
-Records take_records(Scratch* scratch, const Frame& f) {
-  Records r;
-  r.triangles = f.count;
-  r.blocks = max_of((f.count + kSetupTriangles - 1) / kSetupTriangles, 1);
-  const int64_t room = (int64_t)r.triangles + (int64_t)r.blocks * kParts;
-  r.records = scratch->take<Record>(room);
-  r.boxes = scratch->take<uint32_t>(room);
-  r.part_count = scratch->take<int32_t>(r.blocks);
-  r.dropped = scratch->take<int32_t>(r.blocks);
-  return r;
+Some take_some(Scratch* scratch, const Frame& f, const Tuning& t) {
+  Some s;
+  s.waiting = take_waiting(scratch, f, t, f.count + min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
+  s.later = scratch->take<uint8_t>(f.count);
+  return s;
 }
 
-__device__ __forceinline__ void put_record(const Primitive& p, int64_t triangle, Record* record, uint32_t* box) {
-  fill_record(p, triangle, record);
-  *box = is_sliver(p) ? kSliverBox : box_of(*record);
+// The lanes' primitives into slots of their own, or slivers to the others of their kind, and into lists, but for the small ones. By all lanes.
+__device__ __forceinline__ void wait_record(const Waiting& w, const Primitive& p, int64_t triangle, bool have, bool small, uint32_t slot) {
+  const bool sliver = have && is_sliver(p);
+  if (have) fill_record(p, triangle, sliver ? &w.slivers[atomicAdd(w.sliver_count(), 1u)] : &w.records[slot]);
+  put_into_lists(w, p, have && !small && !sliver, slot);
 }
 
-__global__ void __launch_bounds__(kSetupThreads) set_up_records(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
-  __shared__ ClipScratch clip[kSetupTriangles / kWarp];
-  __shared__ Vertex corners[kSetupThreads];
-  __shared__ int parts;
+constexpr int kZeroThreads = 256;
+__global__ void __launch_bounds__(kZeroThreads) clear_lists(const __grid_constant__ Frame f, Zeros zeros) {
   let_next_begin();
-  const int64_t base = (int64_t)blockIdx.x * kSetupTriangles, t = base + threadIdx.x;
-  const int count = (int)min_of<int64_t>(f.count - base, kSetupTriangles);
-  if (threadIdx.x == 0) parts = 0;
-  project_corners(f, base, count, corners, threadIdx.x, kSetupThreads);
-  __syncthreads();
-  Fate fate = Fate::kNothing;
-  if ((int)threadIdx.x < count) {
-    Primitive p;
-    fate = assemble(f, corners + 3 * threadIdx.x, &p);
-    if (fate == Fate::kWhole)
-      put_record(p, t, r.records + t, r.boxes + t);
-    else
-      r.boxes[t] = kNoBox;
-  }
+  const int i = (int)(blockIdx.x * kZeroThreads + threadIdx.x);
+  zeros.set(i, (int)gridDim.x * kZeroThreads);
+  if (i == 0) *f.dropped = 0;
+}
+
+// Each warp takes `share` triangles. Records of all, and of the parts of clipped ones as far as there is room.
+__global__ void __launch_bounds__(kShareThreads, kShareBlocks / 2) set_up_records(const __grid_constant__ Frame f, const __grid_constant__ Some s, int share) {
+  __shared__ ClipScratch clip[kShareThreads / kWarp];
+  const Waiting& w = s.waiting;
+  let_next_begin();
+  const int warp = threadIdx.x / kWarp;
+  const int64_t first = ((int64_t)blockIdx.x * (kShareThreads / kWarp) + warp) * share, t = first + lane_id();
+  const bool mine = lane_id() < share && t < f.count;
+  Primitive p;
+  const Fate fate = mine ? set_up(f, (int32_t)t, nullptr, &p) : Fate::kNothing;
+  const bool whole = fate == Fate::kWhole, small = whole && is_small(p);
+  uint8_t later = small ? kSmallLater : kNothingLater;
+  wait_for_previous();
+  wait_record(w, p, t, whole, small, (uint32_t)t);
   for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
-    const int32_t triangle = (int32_t)(t - lane_id()) + __ffs(todo) - 1;
+    const int lane = __ffs(todo) - 1;
     Primitive part;
-    if (clip_part(f, triangle, &clip[threadIdx.x / kWarp], &part)) {
-      const int64_t slot = (int64_t)r.first_part((int)blockIdx.x) + atomicAdd(&parts, 1);
-      put_record(part, triangle, r.records + slot, r.boxes + slot);
-    }
+    const bool have = clip_part(f, (int32_t)(first + lane), &clip[warp], &part);
+    const unsigned all = __ballot_sync(kAllLanes, have);
+    uint32_t at = 0;
+    if (lane_id() == 0) at = (uint32_t)f.count + atomicAdd(w.count(), (uint32_t)__popc(all));
+    at = __shfl_sync(kAllLanes, at, 0);
+    const bool room = at + __popc(all) <= w.room;  // for all parts or none
+    at += __popc(all & lanes_below());
+    wait_record(w, part, first + lane, have && room, false, at);
+    if (!room && lane_id() == lane) later = kClipLater;
   }
-  const int dropped = __syncthreads_count(fate == Fate::kDropped);
-  if (threadIdx.x == 0) {
-    r.part_count[blockIdx.x] = parts;
-    r.dropped[blockIdx.x] = dropped;
-  }
+  if (mine) s.later[t] = later;
+  const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
+  if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
 }
 
-// What the blocks of the set-up have dropped; by the drawing kernel.
-__device__ __forceinline__ void sum_dropped(const Frame& f, const Records& r) {
-  if (blockIdx.x > 0 || threadIdx.x >= kWarp) return;
-  const int dropped = warp_sum(r.dropped, r.blocks);
-  if (threadIdx.x == 0) *f.dropped = dropped;
-}
-
-template <int kWarps>
-__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_together(const __grid_constant__ Frame f, const __grid_constant__ Records r, int room) {
-  begin_turn<kWarps>(f, blockIdx.x);
-  wait_for_previous();
-  let_next_begin();
-  const RecordCandidates candidates(r);
-  const int count = candidates.count();
-  if (threadIdx.x == 0) patch_shared<kWarps>()->begin(count, false);
-  __syncthreads();
-  draw_patches<kWarps, Output::kWrite, true>(f, candidates, room);
-  sum_dropped(f, r);
-}
-
-__global__ void __launch_bounds__(kSliverThreads, 8) draw_slivers(const __grid_constant__ Frame f, const __grid_constant__ Records r) {
-  __shared__ SliverShared shared;
-  let_next_begin();
-  wait_for_previous();
-  const RecordCandidates candidates(r);
-  const int first = (int)blockIdx.x / sliver_chunks(f.view);
-  if (first < f.count) prefetch_sliver(candidates, first);  // not after the number of candidates is known, which takes as long
-  draw_all_slivers(f, candidates, candidates.count(), &shared);
-}
-
-template <int kWarps>
-cudaError_t launch_some(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
-  Scratch scratch = {static_cast<char*>(memory)};
-  const Records r = take_records(&scratch, f);
-  set_up_records<<<r.blocks, kSetupThreads, 0, stream>>>(f, r);
-  BIGTRI_CUDA(cudaGetLastError());
-  Frame undrawn = f;
-  undrawn.depth = nullptr;  // slivers are still to come
-  int blocks;
-  BIGTRI_CUDA(blocks_for(draw_together<kWarps>, kWarps * kWarp, sizeof(PatchShared<kWarps>), Patch<kWarps>::count(f.view), t, &blocks));
-  BIGTRI_CUDA(launch_next(draw_together<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, undrawn, r, (int)t.entries));
-  BIGTRI_CUDA(blocks_for(draw_slivers, kSliverThreads, 0, (int64_t)f.count * sliver_chunks(f.view), t, &blocks));
-  BIGTRI_CUDA(launch_next(draw_slivers, blocks, kSliverThreads, 0, stream, f, r));
-  return launch_depth(f, t, stream);
-}
-
-// --- many
-
-enum Counter { kLargeCount, kSliverCount, kListCounts };
-
-struct Queues {
-  Record *large, *slivers;
-  BinLists lists;  // of the large ones
-  uint32_t* counters;
-  int counter_count;
-  uint32_t room;  // of either
-  Vertex* projected;  // all vertices, or null
-};
-
-Queues take_queues(Scratch* scratch, const Frame& f, const Tuning& t) {
-  Queues q;
-  q.room = (uint32_t)min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles);
-  q.large = scratch->take<Record>(q.room);
-  q.slivers = scratch->take<Record>(q.room);
-  q.counter_count = kListCounts + 1 + (int)bins_of(f.view);
-  q.counters = scratch->take<uint32_t>(q.counter_count);
-  q.lists = take_lists(scratch, f, t, q.room, q.counters + kListCounts);
-  q.projected = take_projected(scratch, f);
-  return q;
-}
-
-// Queues what waits for a block, and draws the rest at once, a primitive at a time; all lanes. Rarely called, so that its registers cost the small ones nothing.
-__device__ __noinline__ void queue_or_draw(const Frame& f, const Queues& q, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
-  Record record;
-  bool now = have, listed = false;
-  uint32_t slot = 0;
-  if (have) {
-    fill_record(p, triangle, &record, threshold);
-    const bool sliver = is_sliver(p);
-    if (sliver || (record.flags & kRecordLarge)) {
-      slot = atomicAdd(&q.counters[sliver ? kSliverCount : kLargeCount], 1u);
-      if (slot < q.room) {
-        (sliver ? q.slivers : q.large)[slot] = record;
-        listed = !sliver;
-        now = false;
-      }
-    }
-  }
-  put_into_lists(q.lists, p, listed, slot);
-  for (unsigned todo = __ballot_sync(kAllLanes, now); todo; todo &= todo - 1) {
+// Draws the lanes' primitives, a warp one after the other.
+__device__ __noinline__ void draw_now(const Frame& f, const Record& record, bool have, Record* shared) {
+  for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
     __syncwarp();
     if (lane_id() == __ffs(todo) - 1) *shared = record;
     __syncwarp();
@@ -321,44 +212,105 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Queues& q, int6
   __syncwarp();
 }
 
+// Slivers, small triangles, and what found no room, onto the frame. It reads what set_up_records wrote before the pixels are there: draw_listed lets this kernel begin only after it has waited for that one.
+__global__ void __launch_bounds__(kShareThreads, kShareBlocks) draw_later(const __grid_constant__ Frame f, const __grid_constant__ Some s, int share) {
+  __shared__ WarpShared shared[kShareThreads / kWarp];
+  __shared__ SliverShared sliver;
+  let_next_begin();
+  prefetch_sliver(f, s.waiting.slivers, (int)s.waiting.room, blockIdx.x);  // not after their number is known, which takes as long
+  const int slivers = (int)*s.waiting.sliver_count();
+  WarpShared& own = shared[threadIdx.x / kWarp];
+  const int64_t first = ((int64_t)blockIdx.x * (kShareThreads / kWarp) + threadIdx.x / kWarp) * share, t = first + lane_id();
+  const uint8_t later = lane_id() < share && t < f.count ? s.later[t] : kNothingLater;
+  Primitive p;
+  if (later == kSmallLater) p = primitive_of(s.waiting.records[t]);
+  draw_slivers(f, s.waiting.slivers, slivers, &sliver);
+  wait_for_previous();
+  if (__any_sync(kAllLanes, later == kSmallLater)) draw_small(f, p, (uint32_t)t, later == kSmallLater, &own.small);
+  for (unsigned todo = __ballot_sync(kAllLanes, later == kClipLater); todo; todo &= todo - 1) {
+    const int64_t triangle = first + __ffs(todo) - 1;
+    Primitive part;
+    Record record;
+    __syncwarp();
+    const bool have = clip_part(f, (int32_t)triangle, &own.clip, &part);
+    if (have) fill_record(part, triangle, &record);
+    __syncwarp();
+    draw_now(f, record, have, &own.record);
+  }
+}
+
+template <int kWarps>
+cudaError_t launch_some(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
+  Scratch scratch = {static_cast<char*>(memory)};
+  const Some s = take_some(&scratch, f, t);
+  int share;
+  int64_t blocks;
+  const Zeros zeros = s.waiting.zeros();
+  clear_lists<<<(zeros.count + kZeroThreads - 1) / kZeroThreads, kZeroThreads, 0, stream>>>(f, zeros);
+  BIGTRI_CUDA(cudaGetLastError());
+  BIGTRI_CUDA(share_triangles(set_up_records, kShareThreads, f.count, &share, &blocks));
+  if (blocks > 0) BIGTRI_CUDA(launch_next(set_up_records, blocks, kShareThreads, 0, stream, f, s, share));
+  Frame undrawn = f;
+  undrawn.depth = nullptr;  // slivers and small triangles are still to come
+  BIGTRI_CUDA((launch_listed<kWarps, Output::kWrite>(undrawn, s.waiting, t, stream)));
+  BIGTRI_CUDA(share_triangles(draw_later, kShareThreads, f.count, &share, &blocks));
+  int for_slivers;
+  BIGTRI_CUDA(blocks_for(draw_later, kShareThreads, 0, (int64_t)f.count * sliver_chunks(f.view), t, &for_slivers));
+  BIGTRI_CUDA(launch_next(draw_later, max_of<int64_t>(blocks, for_slivers), kShareThreads, 0, stream, f, s, share));
+  return launch_depth(f, t, stream);
+}
+
+// --- many
+
+struct Many {
+  Waiting waiting;
+  Vertex* projected;  // all vertices, or null
+};
+
+Many take_many(Scratch* scratch, const Frame& f, const Tuning& t) {
+  Many m;
+  m.waiting = take_waiting(scratch, f, t, min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
+  m.projected = take_projected(scratch, f);
+  return m;
+}
+
+// Queues what waits for a block, and draws the rest at once, a primitive at a time; all lanes. Rarely called, so that its registers cost the small ones nothing.
+__device__ __noinline__ void queue_or_draw(const Frame& f, const Waiting& w, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
+  Record record;
+  bool waits = false, sliver = false;
+  uint32_t slot = 0;
+  if (have) {
+    fill_record(p, triangle, &record, threshold);
+    sliver = is_sliver(p);
+    waits = sliver || (record.flags & kRecordLarge);
+    if (waits) slot = atomicAdd(sliver ? w.sliver_count() : w.count(), 1u);
+    waits = waits && slot < w.room;
+    if (waits) (sliver ? w.slivers : w.records)[slot] = record;
+  }
+  put_into_lists(w, p, waits && !sliver, slot);
+  draw_now(f, record, have && !waits, shared);
+}
+
 // Each warp takes `share` triangles, so that there are warps enough also where triangles are not.
 __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
-    draw_many(const __grid_constant__ Frame f, const __grid_constant__ Queues q, int64_t threshold, int share) {
+    draw_many(const __grid_constant__ Frame f, const __grid_constant__ Many m, int64_t threshold, int share) {
   __shared__ WarpShared shared[kShareThreads / kWarp];
   let_next_begin();
   wait_for_previous();
-  set_up_share(f, q.projected, share, shared,
-               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { queue_or_draw(f, q, threshold, p, triangle, have, record); });
-}
-
-// What waits, onto what has been drawn.
-template <int kWarps>
-__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_queued(const __grid_constant__ Frame f, const __grid_constant__ Queues q, int room) {
-  __shared__ SliverShared shared;
-  let_next_begin();
-  begin_turn<kWarps>(f, blockIdx.x);
-  wait_for_previous();
-  const int slivers = (int)min_of(q.counters[kSliverCount], q.room);
-  if (q.counters[kLargeCount] > 0) {
-    if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*q.lists.wide_size, true);
-    __syncthreads();
-    draw_patches<kWarps, Output::kMerge, true>(f, ListedCandidates(q.large, q.lists), room);
-  }
-  draw_all_slivers(f, Candidates{q.slivers, nullptr}, slivers, &shared);
+  set_up_share(f, m.projected, share, shared,
+               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { queue_or_draw(f, m.waiting, threshold, p, triangle, have, record); });
 }
 
 template <int kWarps>
 cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
-  const Queues q = take_queues(&scratch, f, t);
-  BIGTRI_CUDA(launch_clear(f, q.projected, q.counters, q.counter_count, stream));
+  const Many m = take_many(&scratch, f, t);
+  BIGTRI_CUDA(launch_clear(f, m.projected, m.waiting.zeros(), stream));
   int share;
-  int64_t set_up_blocks;
-  BIGTRI_CUDA(share_triangles(draw_many, kShareThreads, f.count, &share, &set_up_blocks));
-  BIGTRI_CUDA(launch_next(draw_many, set_up_blocks, kShareThreads, 0, stream, f, q, t.threshold, share));
-  int blocks;
-  BIGTRI_CUDA(blocks_for(draw_queued<kWarps>, kWarps * kWarp, sizeof(PatchShared<kWarps>), Patch<kWarps>::count(f.view), t, &blocks));
-  BIGTRI_CUDA(launch_next(draw_queued<kWarps>, blocks, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, f, q, (int)t.entries));
+  int64_t blocks;
+  BIGTRI_CUDA(share_triangles(draw_many, kShareThreads, f.count, &share, &blocks));
+  if (blocks > 0) BIGTRI_CUDA(launch_next(draw_many, blocks, kShareThreads, 0, stream, f, m, t.threshold, share));
+  BIGTRI_CUDA((launch_listed<kWarps, Output::kMerge>(f, m.waiting, t, stream)));
   return launch_depth(f, t, stream);
 }
 
@@ -387,8 +339,8 @@ int64_t bin_owned_scratch(const Frame& f, const Tuning& t) {
   Scratch scratch = {nullptr};
   switch (path_of(f, t)) {
     case Path::kFew: break;
-    case Path::kSome: take_records(&scratch, f); break;
-    default: take_queues(&scratch, f, t);
+    case Path::kSome: take_some(&scratch, f, t); break;
+    default: take_many(&scratch, f, t);
   }
   return scratch.used;
 }

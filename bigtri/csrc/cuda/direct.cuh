@@ -69,13 +69,12 @@ __device__ __noinline__ void warp_draw(const Frame& f, const Record& r) {
 
 // --- The frame
 
-// Background everywhere, zeros in the counters, and the vertices projected where there is room for them: by blocks of their own, spread evenly among the others, since one is bound by memory and the other
+// Background everywhere, zeros, and the vertices projected where there is room for them: by blocks of their own, spread evenly among the others, since one is bound by memory and the other
 // by arithmetic.
 constexpr int kClearThreads = 256, kVerticesEach = 2;
 constexpr int kClearPixels = 16 * kClearThreads, kProjectVertices = kVerticesEach * kClearThreads;  // of a block
 
-__global__ void __launch_bounds__(kClearThreads, 4)
-    clear_frame(const __grid_constant__ Frame f, Vertex* projected, int projecting_blocks, uint32_t* counters, int counter_count) {
+__global__ void __launch_bounds__(kClearThreads, 4) clear_frame(const __grid_constant__ Frame f, Vertex* projected, int projecting_blocks, Zeros zeros) {
   let_next_begin();
   const int thread = threadIdx.x, projecting = (int)((int64_t)blockIdx.x * projecting_blocks / gridDim.x);  // blocks before this one
   if ((int64_t)(blockIdx.x + 1) * projecting_blocks / gridDim.x > projecting) {
@@ -94,7 +93,7 @@ __global__ void __launch_bounds__(kClearThreads, 4)
   } else {
     for (int64_t i = first + thread; i < end; i += kClearThreads) f.packed[i] = kBackground;
   }
-  for (int i = block * kClearThreads + thread; i < counter_count; i += ((int)gridDim.x - projecting_blocks) * kClearThreads) counters[i] = 0;
+  zeros.set(block * kClearThreads + thread, ((int)gridDim.x - projecting_blocks) * kClearThreads);
   if (block == 0 && thread == 0) *f.dropped = 0;
 }
 
@@ -112,10 +111,10 @@ Vertex* take_projected(Scratch* scratch, const Frame& f) {
 }
 
 // A frame's first kernel.
-cudaError_t launch_clear(const Frame& f, Vertex* projected, uint32_t* counters, int counter_count, cudaStream_t stream) {
+cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, cudaStream_t stream) {
   const int64_t clearing = ((int64_t)f.view.width * f.view.height + kClearPixels - 1) / kClearPixels;
   const int64_t projecting = projected ? (f.vertices + kProjectVertices - 1) / kProjectVertices : 0;
-  clear_frame<<<(unsigned)(projecting + clearing), kClearThreads, 0, stream>>>(f, projected, (int)projecting, counters, counter_count);
+  clear_frame<<<(unsigned)(projecting + clearing), kClearThreads, 0, stream>>>(f, projected, (int)projecting, zeros);
   return cudaGetLastError();
 }
 

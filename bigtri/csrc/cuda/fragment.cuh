@@ -52,6 +52,7 @@ struct Meeting {
   double zcell;
 
   __device__ __forceinline__ bool meets() const { return nearest == nearest; }
+  __device__ __forceinline__ uint32_t slot() const { return info >> 5; }
   __device__ __forceinline__ void make_entry(const Record& r, Entry* e) const {
     e->plane = {zcell, r.dzdx, r.dzdy};
     for (int k = 0; k < 3; ++k) {

@@ -61,6 +61,17 @@ cudaError_t launch_next(void (*kernel)(Parameters...), int64_t blocks, int threa
   return cudaLaunchKernelEx(&config, kernel, Parameters(arguments)...);
 }
 
+// Numbers that a frame's first kernel sets to zero.
+struct Zeros {
+  uint32_t* first;
+  int count;
+
+  // By thread i of n.
+  __device__ __forceinline__ void set(int i, int n) const {
+    for (; i < count; i += n) first[i] = 0;
+  }
+};
+
 // Hands out parts of scratch memory, or with no memory only counts.
 struct Scratch {
   char* memory;

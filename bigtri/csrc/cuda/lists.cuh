@@ -1,42 +1,55 @@
-// What waits for the blocks that own bins: a list of records for each bin. A record that touches many bins, or finds a list full, goes to one more list, which all blocks look at for all bins:
-// nothing is lost, and a triangle that fills the screen does not take an atomic for each of its bins.
+// What waits for the blocks that own bins: records, and for each bin a list of those that touch it. A record that touches many bins, or finds a list full, goes to one more list, which all blocks look at for all
+// bins: nothing is lost, and a triangle that fills the screen does not take an atomic for each of its bins.
 #pragma once
 
 #include "launch.cuh"
 #include "patch.cuh"
+#include "sliver.cuh"
 
 namespace bigtri {
 namespace {
 
-constexpr int kListedBins = 64;  // a record that touches more is looked at by all
-constexpr int kListBytes = 32 << 20;  // of all bins' lists together
+constexpr int kListBytes = 32 << 20;  // of all lists together
 
-struct BinLists {
-  uint32_t *sizes, *slots;  // of each bin's list: what was to be put there, and `room` records, each by its slot
-  uint32_t *wide_size, *wide_boxes, *wide_slots;  // records that all look at: boxes, slots
-  int columns, room;
+struct Waiting {
+  Record* records;
+  Record* slivers;  // in no list
+  uint32_t room;  // of either
+  // How many records have been put into each bin's list, or were to be; in front of bin 0 the other counts.
+  uint32_t* sizes;
+  uint32_t* slots;  // of the records in the lists, `listed` of each bin
+  uint32_t *wide_boxes, *wide_slots;  // of the records that all look at
+  int columns, bins, listed;
+  int most;  // a record with more bins in its bbox is looked at by all
+
+  __device__ uint32_t* count() const { return sizes - 1; }  // of records, or of those that were to be put there
+  __device__ uint32_t* wide_count() const { return sizes - 2; }
+  __device__ uint32_t* sliver_count() const { return sizes - 3; }
+  static constexpr int kCounts = 3;
+  Zeros zeros() const { return {sizes - kCounts, bins + kCounts}; }
 };
 
-inline int64_t bins_of(const Viewport& v) { return (int64_t)((v.width + kBin - 1) / kBin) * ((v.height + kBin - 1) / kBin); }
-
-// counters: zeros, one and one for each bin. records: how many can wait.
-BinLists take_lists(Scratch* scratch, const Frame& f, const Tuning& t, int64_t records, uint32_t* counters) {
-  BinLists l;
-  l.columns = (f.view.width + kBin - 1) / kBin;
-  l.room = (int)max_of<int64_t>(1, min_of<int64_t>(t.queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / bins_of(f.view)));
-  l.wide_size = counters;
-  l.sizes = counters + 1;
-  l.slots = scratch->take<uint32_t>(bins_of(f.view) * l.room);
-  l.wide_boxes = scratch->take<uint32_t>(records);
-  l.wide_slots = scratch->take<uint32_t>(records);
-  return l;
+Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t room) {
+  Waiting w;
+  w.columns = (f.view.width + kBin - 1) / kBin;
+  w.bins = w.columns * ((f.view.height + kBin - 1) / kBin);
+  w.room = (uint32_t)room;
+  w.listed = (int)max_of<int64_t>(1, min_of<int64_t>(t.queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / w.bins));
+  w.most = max_of(64, w.bins / 64);  // an atomic for each bin, against a look for each bin of the image
+  w.records = scratch->take<Record>(room);
+  w.slivers = scratch->take<Record>(room);
+  w.sizes = scratch->take<uint32_t>(w.bins + Waiting::kCounts) + Waiting::kCounts;
+  w.slots = scratch->take<uint32_t>((int64_t)w.bins * w.listed);
+  w.wide_boxes = scratch->take<uint32_t>(room);
+  w.wide_slots = scratch->take<uint32_t>(room);
+  return w;
 }
 
 // Puts the lanes' records, which are in their slots already, into the lists of the bins that no edge rejects; two records at a time, half of the lanes each, so that a large one does not hold up a lane. By all lanes.
-__device__ __forceinline__ void put_into_lists(const BinLists& l, const Primitive& p, bool have, uint32_t slot) {
+__device__ __forceinline__ void put_into_lists(const Waiting& w, const Primitive& p, bool have, uint32_t slot) {
   constexpr int kTeam = kWarp / 2;
   const int x0 = p.x0 / kBin, y0 = p.y0 / kBin, across = (p.x1 - 1) / kBin - x0 + 1, bins = across * ((p.y1 - 1) / kBin - y0 + 1);
-  bool wide = have && bins > kListedBins;
+  bool wide = have && bins > w.most;
   for (unsigned todo = __ballot_sync(kAllLanes, have && !wide); todo;) {
     const unsigned others = todo & (todo - 1), mine = lane_id() < kTeam ? todo : others;
     const int lane = max_of(__ffs(mine) - 1, 0), n = __shfl_sync(kAllLanes, bins, lane);
@@ -53,10 +66,10 @@ __device__ __forceinline__ void put_into_lists(const BinLists& l, const Primitiv
       bool rejected = false;
       for (int k = 0; k < 3; ++k) rejected |= bin_edge(edge_of(x, y, k), bin_x, bin_y).highest < 0;
       if (rejected) continue;
-      const int64_t bin = (int64_t)bin_y * l.columns + bin_x;
-      const uint32_t at = atomicAdd(&l.sizes[bin], 1u);
-      if (at < (uint32_t)l.room)
-        l.slots[bin * l.room + at] = its;
+      const int bin = bin_y * w.columns + bin_x;
+      const uint32_t at = atomicAdd(&w.sizes[bin], 1u);
+      if (at < (uint32_t)w.listed)
+        w.slots[(int64_t)bin * w.listed + at] = its;
       else
         full = true;
     }
@@ -66,25 +79,47 @@ __device__ __forceinline__ void put_into_lists(const BinLists& l, const Primitiv
     todo = others & (others - 1);
   }
   if (wide) {
-    const uint32_t at = atomicAdd(l.wide_size, 1u);
-    l.wide_boxes[at] = box_of(p);
-    l.wide_slots[at] = slot;
+    const uint32_t at = atomicAdd(w.wide_count(), 1u);
+    w.wide_boxes[at] = box_of(p);
+    w.wide_slots[at] = slot;
   }
 }
 
 // What gather() takes them from.
 struct ListedCandidates {
-  static constexpr bool kListed = true;
+  static constexpr bool kMany = true;
   const Record* records;
-  const BinLists& lists;
+  const Waiting& waiting;
 
-  __device__ ListedCandidates(const Record* r, const BinLists& l) : records(r), lists(l) {}
-  __device__ __forceinline__ uint32_t box(int i) const { return lists.wide_boxes[i]; }
-  __device__ __forceinline__ int slot(int i) const { return (int)lists.wide_slots[i]; }
-  __device__ __forceinline__ int64_t bin(int x, int y) const { return (int64_t)y * lists.columns + x; }
-  __device__ __forceinline__ int listed(int bin_x, int bin_y) const { return (int)min_of(lists.sizes[bin(bin_x, bin_y)], (uint32_t)lists.room); }
-  __device__ __forceinline__ int listed_slot(int bin_x, int bin_y, int i) const { return (int)lists.slots[bin(bin_x, bin_y) * lists.room + i]; }
+  __device__ explicit ListedCandidates(const Waiting& w) : records(w.records), waiting(w) {}
+  __device__ __forceinline__ uint32_t box(int i) const { return waiting.wide_boxes[i]; }
+  __device__ __forceinline__ int slot(int i) const { return (int)waiting.wide_slots[i]; }
+  __device__ __forceinline__ int bin(int x, int y) const { return y * waiting.columns + x; }
+  __device__ __forceinline__ int listed(int bin_x, int bin_y) const { return (int)min_of(waiting.sizes[bin(bin_x, bin_y)], (uint32_t)waiting.listed); }
+  __device__ __forceinline__ int listed_slot(int bin_x, int bin_y, int i) const { return (int)waiting.slots[(int64_t)bin(bin_x, bin_y) * waiting.listed + i]; }
 };
+
+// Draws the patches of a grid's blocks from the lists, and where the frame has been drawn before, slivers.
+template <int kWarps, Output kOutput>
+__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_listed(const __grid_constant__ Frame f, const __grid_constant__ Waiting w, int room) {
+  __shared__ SliverShared shared;
+  begin_turn<kWarps>(f, blockIdx.x);
+  wait_for_previous();
+  let_next_begin();
+  if (kOutput == Output::kWrite || *w.count() > 0) {
+    if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.wide_count(), kOutput == Output::kMerge);
+    __syncthreads();
+    draw_patches<kWarps, kOutput>(f, ListedCandidates(w), room);
+  }
+  if (kOutput == Output::kMerge) draw_slivers(f, w.slivers, (int)min_of(*w.sliver_count(), w.room), &shared);
+}
+
+template <int kWarps, Output kOutput>
+cudaError_t launch_listed(const Frame& f, const Waiting& w, const Tuning& t, cudaStream_t stream) {
+  int blocks;
+  BIGTRI_CUDA(blocks_for(draw_listed<kWarps, kOutput>, kWarps * kWarp, sizeof(PatchShared<kWarps>), Patch<kWarps>::count(f.view), t, &blocks));
+  return launch_next(draw_listed<kWarps, kOutput>, blocks, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, f, w, (int)t.entries);
+}
 
 }  // namespace
 }  // namespace bigtri

@@ -13,14 +13,13 @@ __device__ __forceinline__ uint32_t box_of(const Boxed& r) {
   return (uint32_t)(r.x0 / kBin) | (uint32_t)(r.y0 / kBin) << 8 | (uint32_t)((r.x1 - 1) / kBin) << 16 | (uint32_t)((r.y1 - 1) / kBin) << 24;
 }
 constexpr uint32_t kNoBox = 0x000000ff;  // first column after the last: in no bin
-constexpr uint32_t kSliverBox = 0x000000fe;  // in no bin either: drawn by sliver.cuh
 __device__ __forceinline__ bool in_box(uint32_t box, int bin_x, int bin_y) {
   return bin_x >= (int)(box & 0xff) && bin_y >= (int)(box >> 8 & 0xff) && bin_x <= (int)(box >> 16 & 0xff) && bin_y <= (int)(box >> 24);
 }
 
 // Records one after the other.
 struct Candidates {
-  static constexpr bool kListed = false;
+  static constexpr bool kMany = false;
   const Record* records;
   const uint32_t* boxes;
 
@@ -179,22 +178,23 @@ __device__ __forceinline__ int find_box(const Candidates& candidates, int i, int
 }
 
 // Makes entries of the candidates for the patches from `group` on, as many as there is room for. By all threads; ends with a barrier.
-template <int kWarps, bool kMany, class Candidates>
+template <int kWarps, class Candidates>
 __device__ __forceinline__ void gather(const Candidates& candidates, int group, int room) {
   constexpr int kThreads = kWarps * kWarp;
+  constexpr bool kMany = Candidates::kMany;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   const int each = kThreads >> s->together, local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
   Patch<kWarps>& patch = s->patch[group + local];
   const int left = patch.left, top = patch.top;
   // The patch's candidates: first those in the list of its bin, then those of all bins.
-  const int listed = Candidates::kListed ? s->listed[group + local] : 0, count = listed + s->count;
+  const int listed = kMany ? s->listed[group + local] : 0, count = listed + s->count;
   // This thread's next candidate in the bin of its patch, from i on.
   const auto next = [&](int i) {
-    if (Candidates::kListed && i < listed) return i;
+    if (kMany && i < listed) return i;
     return listed + find_box<kMany>(candidates, i - listed, each, count - listed, [&](uint32_t box) { return in_box(box, left >> kBinBits, top >> kBinBits); });
   };
   const auto slot_of = [&](int i) {
-    if constexpr (Candidates::kListed)
+    if constexpr (kMany)
       if (i < listed) return candidates.listed_slot(left >> kBinBits, top >> kBinBits, i);
     return candidates.slot(i - listed);
   };
@@ -214,7 +214,7 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
       const int place = atomicAdd(&s->entry_count, 1);
       pending = place >= room;
       if (!pending) {
-        m.make_entry(candidates.records[kMany ? (int)(m.info >> 5) : i], &s->entries[place]);
+        m.make_entry(candidates.records[m.slot()], &s->entries[place]);
         s->list[local * each + atomicAdd(&patch.waiting, 1)] = (uint16_t)place;
       }
     }
@@ -227,15 +227,16 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
 
 // Draws the patches that are this block's, by all of its threads. What can be seen gathers in shared memory; then each warp draws its region of each patch, the pixels in registers, mostly once. If more
 // gathers than there is room for, the patches are drawn several times, each time from what the last one left. Before: begin_turn(f, blockIdx.x), PatchShared::begin, a barrier.
-// kMany: there can be more candidates than half as many as threads. Candidates: const Record* records; of those that all patches look at uint32_t box(int i), int slot(int i); if kListed, of those in a bin's list
+// Candidates: const Record* records; of those that all patches look at uint32_t box(int i), int slot(int i); kMany: there can be more of them than half as many as threads, and there are lists for each bin besides,
 // int listed(int bin_x, int bin_y), int listed_slot(int bin_x, int bin_y, int i).
-template <int kWarps, Output kOutput, bool kMany, class Candidates>
+template <int kWarps, Output kOutput, class Candidates>
 __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& candidates, int room) {
   constexpr int kThreads = kWarps * kWarp;
+  constexpr bool kMany = Candidates::kMany;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   room = min_of(room, PatchShared<kWarps>::kMaxEntries);
   for (;;) {
-    if constexpr (Candidates::kListed) {
+    if constexpr (kMany) {
       const int k = (int)this_thread();
       if (k < kWarp) {
         if (k < kTurn) s->listed[k] = k < s->patches ? candidates.listed(s->patch[k].bin_x(), s->patch[k].bin_y()) : 0;
@@ -250,7 +251,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
     }
     if (kMany && s->together == 0) {  // look at them once for all patches
       unsigned touched = 0;
-      if (Candidates::kListed && this_thread() < kTurn && s->listed[this_thread()] > 0) touched = 1u << this_thread();
+      if (kMany && this_thread() < kTurn && s->listed[this_thread()] > 0) touched = 1u << this_thread();
       find_box<kMany>(candidates, (int)this_thread(), kThreads, s->count, [&](uint32_t box) {
 #pragma unroll
         for (int k = 0; k < kTurn; ++k) touched |= in_box(box, s->patch[k].bin_x(), s->patch[k].bin_y()) ? 1u << k : 0;
@@ -268,7 +269,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
             region.store(f);
           }
       if (group >= reread(s->patches)) break;
-      gather<kWarps, kMany>(candidates, group, room);
+      gather<kWarps>(candidates, group, room);
       const int together = s->together;
       const bool again = s->drawn | s->resumed;
 #pragma unroll 1

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "fragment.cuh"
+#include "launch.cuh"
 
 namespace bigtri {
 namespace {
@@ -115,6 +116,7 @@ __device__ __noinline__ void draw_sliver(const Frame& f, int chunk, SliverShared
     if (which == 0) s->row[column] = row;
   }
   __syncthreads();
+  wait_for_previous();  // its pixels
   const double dzdx = r.dzdx, dzdy = r.dzdy;
   const float zmin = r.zmin, zmax = r.zmax;
   const uint32_t triangle = r.triangle;
@@ -153,29 +155,26 @@ __device__ __noinline__ void draw_sliver(const Frame& f, int chunk, SliverShared
   }
 }
 
-// Brings what says whether candidate number i is a sliver, and its record, near to the multiprocessor. By all threads of a block.
-template <class Candidates>
-__device__ __forceinline__ void prefetch_sliver(const Candidates& candidates, int i) {
-  const int slot = candidates.slot(i), part = threadIdx.x;
-  const char* const record = reinterpret_cast<const char*>(candidates.records + slot);
-  const void* const from = part == 0 ? reinterpret_cast<const char*>(candidates.boxes + slot) : record + (part == 1 ? 0 : sizeof(Record) - 1);
-  if (part < 3 && (part > 0 || candidates.boxes)) asm volatile("prefetch.global.L1 [%0];" ::"l"(__cvta_generic_to_global(from)));
+// Brings the record of turn i near to the multiprocessor. By all threads of a block.
+__device__ __forceinline__ void prefetch_sliver(const Frame& f, const Record* slivers, int count, int64_t i) {
+  const int64_t number = i / sliver_chunks(f.view);
+  if (threadIdx.x >= 2 || number >= count) return;
+  const char* const from = reinterpret_cast<const char*>(slivers + number) + (threadIdx.x == 0 ? 0 : sizeof(Record) - 1);
+  asm volatile("prefetch.global.L1 [%0];" ::"l"(__cvta_generic_to_global(from)));
 }
 
-// Of candidates 0 .. count - 1 those whose box is kSliverBox, or all if they have no boxes; a chunk a block at a time, by all blocks of a grid.
-template <class Candidates>
-__device__ __forceinline__ void draw_all_slivers(const Frame& f, const Candidates& candidates, int count, SliverShared* s) {
+// Slivers, a chunk a block at a time, by all blocks of a grid.
+__device__ __forceinline__ void draw_slivers(const Frame& f, const Record* slivers, int count, SliverShared* s) {
   constexpr int kWords = sizeof(Record) / sizeof(uint32_t);
   const int chunks = sliver_chunks(f.view);
   const int64_t items = (int64_t)count * chunks;
   for (int64_t i = blockIdx.x; i < items; i += gridDim.x) {
-    const int number = (int)(i / chunks), slot = candidates.slot(number);
-    if (i + gridDim.x < items) prefetch_sliver(candidates, (int)((i + gridDim.x) / chunks));
-    if (candidates.boxes && candidates.boxes[slot] != kSliverBox) continue;
+    const int64_t number = i / chunks;
+    prefetch_sliver(f, slivers, count, i + gridDim.x);
     __syncthreads();  // the last one has been drawn
-    if (threadIdx.x < kWords) reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] = reinterpret_cast<const uint32_t*>(candidates.records + slot)[threadIdx.x];
+    if (threadIdx.x < kWords) reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] = reinterpret_cast<const uint32_t*>(slivers + number)[threadIdx.x];
     __syncthreads();
-    const int chunk = (int)(i - (int64_t)number * chunks);
+    const int chunk = (int)(i - number * chunks);
     if (extent(s->record.x) >= extent(s->record.y))
       draw_sliver<true>(f, chunk, s);
     else

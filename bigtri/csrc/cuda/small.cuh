@@ -61,6 +61,19 @@ __device__ __forceinline__ uint32_t rows_coverage(RowEdge edge[3]) {
   return __byte_perm(__byte_perm(row[0], row[1], 0x0040), __byte_perm(row[2], row[3], 0x0040), 0x5410);
 }
 
+// What a record was made of, as far as draw_small needs it.
+__device__ __forceinline__ Primitive primitive_of(const Record& r) {
+  Primitive p;
+  for (int k = 0; k < 3; ++k) {
+    p.x[k] = r.x[k];
+    p.y[k] = r.y[k];
+    p.z[k] = r.z[k];
+  }
+  p.x0 = r.x0, p.y0 = r.y0, p.x1 = r.x1, p.y1 = r.y1;
+  p.area = (int64_t)r.area.value;
+  return p;
+}
+
 // Draws the lanes' small primitives, all lanes together; have: whether this one has any.
 __device__ __forceinline__ void draw_small(const Frame& f, const Primitive& p, uint32_t triangle, bool have, SmallShared* s) {
   const int lane = lane_id();

@@ -113,7 +113,7 @@ int64_t two_stage_scratch(const Frame& f, const Tuning& t) {
 cudaError_t draw_two_stage(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   const Queue q = take_queue(&scratch, f, t);
-  BIGTRI_CUDA(launch_clear(f, q.projected, q.counters, kCounters, stream));
+  BIGTRI_CUDA(launch_clear(f, q.projected, {q.counters, kCounters}, stream));
   if (f.count > 0) {
     int share, blocks;
     int64_t set_up_blocks;
