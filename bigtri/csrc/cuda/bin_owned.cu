@@ -138,27 +138,30 @@ cudaError_t launch_few(const Frame& f, const Tuning& t, cudaStream_t stream) {
 
 // --- some
 
-// What becomes of a triangle after the owned pixels have been written.
-enum Later : uint8_t { kNothingLater, kSmallLater, kClipLater };
+// What becomes of a record after the owned pixels have been written, or of a triangle without one.
+enum Later : uint8_t { kNothingLater, kSmallLater, kSliverLater, kClipLater };
 
 // Slot t is triangle t's. The parts of clipped triangles follow.
 struct Some {
   Waiting waiting;
-  uint8_t* later;
+  uint8_t* later;  // of each slot
 };
 
 Some take_some(Scratch* scratch, const Frame& f, const Tuning& t) {
   Some s;
-  s.waiting = take_waiting(scratch, f, t, f.count + min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
-  s.later = scratch->take<uint8_t>(f.count);
+  s.waiting = take_waiting(scratch, f, t, f.count + min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles), false);
+  s.later = scratch->take<uint8_t>(s.waiting.room);
   return s;
 }
 
-// The lanes' primitives into slots of their own, or slivers to the others of their kind, and into lists, but for the small ones. By all lanes.
-__device__ __forceinline__ void wait_record(const Waiting& w, const Primitive& p, int64_t triangle, bool have, bool small, uint32_t slot) {
-  const bool sliver = have && is_sliver(p);
-  if (have) fill_record(p, triangle, sliver ? &w.slivers[atomicAdd(w.sliver_count(), 1u)] : &w.records[slot]);
-  put_into_lists(w, p, have && !small && !sliver, slot);
+// Records of the lanes' primitives, each in its slot, and what waits in the lists. By all lanes.
+__device__ __forceinline__ void put_records(const Some& s, const Primitive& p, int64_t triangle, bool have, uint32_t slot) {
+  const bool whole = slot == (uint32_t)triangle, small = have && whole && is_small(p), sliver = have && is_sliver(p);
+  if (have) {
+    fill_record(p, triangle, &s.waiting.records[slot]);
+    s.later[slot] = small ? kSmallLater : sliver ? kSliverLater : kNothingLater;
+  }
+  put_into_lists(s.waiting, p, have && !small && !sliver, slot);
 }
 
 constexpr int kZeroThreads = 256;
@@ -179,10 +182,9 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks / 2) set_up_record
   const bool mine = lane_id() < share && t < f.count;
   Primitive p;
   const Fate fate = mine ? set_up(f, (int32_t)t, nullptr, &p) : Fate::kNothing;
-  const bool whole = fate == Fate::kWhole, small = whole && is_small(p);
-  uint8_t later = small ? kSmallLater : kNothingLater;
   wait_for_previous();
-  wait_record(w, p, t, whole, small, (uint32_t)t);
+  put_records(s, p, t, fate == Fate::kWhole, (uint32_t)t);
+  uint8_t later = kNothingLater;
   for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
     const int lane = __ffs(todo) - 1;
     Primitive part;
@@ -193,10 +195,11 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks / 2) set_up_record
     at = __shfl_sync(kAllLanes, at, 0);
     const bool room = at + __popc(all) <= w.room;  // for all parts or none
     at += __popc(all & lanes_below());
-    wait_record(w, part, first + lane, have && room, false, at);
+    put_records(s, part, first + lane, have && room, at);
+    if (have && !room && at < w.room) s.later[at] = kNothingLater;
     if (!room && lane_id() == lane) later = kClipLater;
   }
-  if (mine) s.later[t] = later;
+  if (mine && fate != Fate::kWhole) s.later[t] = later;
   const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
   if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
 }
@@ -217,14 +220,13 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks) draw_later(const 
   __shared__ WarpShared shared[kShareThreads / kWarp];
   __shared__ SliverShared sliver;
   let_next_begin();
-  prefetch_sliver(f, s.waiting.slivers, (int)s.waiting.room, blockIdx.x);  // not after their number is known, which takes as long
-  const int slivers = (int)*s.waiting.sliver_count();
   WarpShared& own = shared[threadIdx.x / kWarp];
   const int64_t first = ((int64_t)blockIdx.x * (kShareThreads / kWarp) + threadIdx.x / kWarp) * share, t = first + lane_id();
   const uint8_t later = lane_id() < share && t < f.count ? s.later[t] : kNothingLater;
   Primitive p;
   if (later == kSmallLater) p = primitive_of(s.waiting.records[t]);
-  draw_slivers(f, s.waiting.slivers, slivers, &sliver);
+  const int slots = (int)min_of<int64_t>(f.count + (int64_t)*s.waiting.count(), s.waiting.room);
+  draw_slivers(f, s.waiting.records, slots, [&](int slot) { return s.later[slot] == kSliverLater; }, &sliver);
   wait_for_previous();
   if (__any_sync(kAllLanes, later == kSmallLater)) draw_small(f, p, (uint32_t)t, later == kSmallLater, &own.small);
   for (unsigned todo = __ballot_sync(kAllLanes, later == kClipLater); todo; todo &= todo - 1) {
@@ -269,7 +271,7 @@ struct Many {
 
 Many take_many(Scratch* scratch, const Frame& f, const Tuning& t) {
   Many m;
-  m.waiting = take_waiting(scratch, f, t, min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
+  m.waiting = take_waiting(scratch, f, t, min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles), true);
   m.projected = take_projected(scratch, f);
   return m;
 }

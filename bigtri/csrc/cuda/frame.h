@@ -22,7 +22,7 @@ struct Frame {
 // How the kernels are launched, in the whole process. Nothing here changes a bit of the picture; docs/cuda.md has the measurements behind the numbers.
 struct Tuning {
   int64_t few = 256;    // up to so many triangles, and 16 for each warp of a block, every block sets up all of them by itself
-  int64_t some = 4096;  // up to so many, every block looks at all of them; above, small triangles are drawn at once and only large ones queued
+  int64_t some = 32768;  // up to so many, blocks write the pixels that they own first, and small triangles follow; above, small triangles are drawn at once, and what is larger after them
   int64_t warps = 0;           // of a block that owns a patch of 64 px by 4 px a warp: 4, 8 or 16; 0: 8 for up to 128 triangles, else 16
   int64_t blocks = 0;          // of a kernel whose blocks take work in turns; 0: as many as the device holds at once
   int64_t entries = 352;       // records that a block draws together, at most 22 for each of its warps

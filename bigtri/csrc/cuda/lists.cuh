@@ -13,7 +13,7 @@ constexpr int kListBytes = 32 << 20;  // of all lists together
 
 struct Waiting {
   Record* records;
-  Record* slivers;  // in no list
+  Record* slivers;  // in no list; null if those are among the others
   uint32_t room;  // of either
   // How many records have been put into each bin's list, or were to be; in front of bin 0 the other counts.
   uint32_t* sizes;
@@ -29,7 +29,7 @@ struct Waiting {
   Zeros zeros() const { return {sizes - kCounts, bins + kCounts}; }
 };
 
-Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t room) {
+Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t room, bool slivers_apart) {
   Waiting w;
   w.columns = (f.view.width + kBin - 1) / kBin;
   w.bins = w.columns * ((f.view.height + kBin - 1) / kBin);
@@ -37,7 +37,7 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t 
   w.listed = (int)max_of<int64_t>(1, min_of<int64_t>(t.queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / w.bins));
   w.most = max_of(64, w.bins / 64);  // an atomic for each bin, against a look for each bin of the image
   w.records = scratch->take<Record>(room);
-  w.slivers = scratch->take<Record>(room);
+  w.slivers = slivers_apart ? scratch->take<Record>(room) : nullptr;
   w.sizes = scratch->take<uint32_t>(w.bins + Waiting::kCounts) + Waiting::kCounts;
   w.slots = scratch->take<uint32_t>((int64_t)w.bins * w.listed);
   w.wide_boxes = scratch->take<uint32_t>(room);
@@ -111,7 +111,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_listed(const 
     __syncthreads();
     draw_patches<kWarps, kOutput>(f, ListedCandidates(w), room);
   }
-  if (kOutput == Output::kMerge) draw_slivers(f, w.slivers, (int)min_of(*w.sliver_count(), w.room), &shared);
+  if (kOutput == Output::kMerge) draw_slivers(f, w.slivers, (int)min_of(*w.sliver_count(), w.room), [](int) { return true; }, &shared);
 }
 
 template <int kWarps, Output kOutput>

@@ -52,7 +52,16 @@ struct SliverShared {
   Crossing crossing[3];
   double zcell[kSliverCells][kSliverRows];
   int row[kSliverCells];  // the first
+  uint32_t item[kSliverThreads];  // to be drawn
+  int count;
 };
+
+__device__ __forceinline__ void prefetch(const Record* record) {
+  const char* from = reinterpret_cast<const char*>(record);
+  asm volatile("prefetch.global.L1 [%0];" ::"l"(__cvta_generic_to_global(from)));
+  from += sizeof(Record) - 1;  // it may lie in two lines
+  asm volatile("prefetch.global.L1 [%0];" ::"l"(__cvta_generic_to_global(from)));
+}
 
 __device__ __forceinline__ int32_t extent(const int32_t v[3]) { return max_of(max_of(v[0], v[1]), v[2]) - min_of(min_of(v[0], v[1]), v[2]); }
 
@@ -155,30 +164,33 @@ __device__ __noinline__ void draw_sliver(const Frame& f, int chunk, SliverShared
   }
 }
 
-// Brings the record of turn i near to the multiprocessor. By all threads of a block.
-__device__ __forceinline__ void prefetch_sliver(const Frame& f, const Record* slivers, int count, int64_t i) {
-  const int64_t number = i / sliver_chunks(f.view);
-  if (threadIdx.x >= 2 || number >= count) return;
-  const char* const from = reinterpret_cast<const char*>(slivers + number) + (threadIdx.x == 0 ? 0 : sizeof(Record) - 1);
-  asm volatile("prefetch.global.L1 [%0];" ::"l"(__cvta_generic_to_global(from)));
-}
-
-// Slivers, a chunk a block at a time, by all blocks of a grid.
-__device__ __forceinline__ void draw_slivers(const Frame& f, const Record* slivers, int count, SliverShared* s) {
+// Of the first `count` records those that is_one(number) says are slivers, a chunk a block at a time, by all blocks of a grid.
+template <class IsOne>
+__device__ __forceinline__ void draw_slivers(const Frame& f, const Record* records, int count, const IsOne& is_one, SliverShared* s) {
   constexpr int kWords = sizeof(Record) / sizeof(uint32_t);
-  const int chunks = sliver_chunks(f.view);
+  const int chunks = sliver_chunks(f.view), thread = threadIdx.x;
   const int64_t items = (int64_t)count * chunks;
-  for (int64_t i = blockIdx.x; i < items; i += gridDim.x) {
-    const int64_t number = i / chunks;
-    prefetch_sliver(f, slivers, count, i + gridDim.x);
-    __syncthreads();  // the last one has been drawn
-    if (threadIdx.x < kWords) reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] = reinterpret_cast<const uint32_t*>(slivers + number)[threadIdx.x];
+  for (int64_t base = blockIdx.x; base < items; base += (int64_t)kSliverThreads * gridDim.x) {
+    // Many are looked at together, each by a thread, which brings what it finds near to the multiprocessor.
+    const int64_t i = base + (int64_t)thread * gridDim.x;
+    const bool one = thread < kSliverThreads && i < items && is_one((int)(i / chunks));
+    if (one) prefetch(records + i / chunks);
+    if (thread == 0) s->count = 0;
     __syncthreads();
-    const int chunk = (int)(i - number * chunks);
-    if (extent(s->record.x) >= extent(s->record.y))
-      draw_sliver<true>(f, chunk, s);
-    else
-      draw_sliver<false>(f, chunk, s);
+    if (one) s->item[atomicAdd(&s->count, 1)] = (uint32_t)i;
+    __syncthreads();
+    const int found = s->count;
+    for (int k = 0; k < found; ++k) {
+      const uint32_t item = s->item[k], number = item / (uint32_t)chunks;
+      if (thread < kWords) reinterpret_cast<uint32_t*>(&s->record)[thread] = reinterpret_cast<const uint32_t*>(records + number)[thread];
+      __syncthreads();
+      const int chunk = (int)(item - number * (uint32_t)chunks);
+      if (extent(s->record.x) >= extent(s->record.y))
+        draw_sliver<true>(f, chunk, s);
+      else
+        draw_sliver<false>(f, chunk, s);
+      __syncthreads();
+    }
   }
 }
 
