@@ -99,12 +99,13 @@ class CudaTuning(NamedTuple):
     """How the CUDA kernels are launched. No setting changes a bit of the picture; docs/cuda.md has the measurements behind them.
 
     few: up to so many triangles, and 16 for each warp of a block, every block sets up all of them by itself.
-    some: up to so many, every block looks at all of them; above, small triangles are drawn at once and only large ones wait.
+    some: up to so many, blocks write the pixels that they own, then small triangles follow; above, small triangles come first.
     warps: of a block that owns pixels, 4, 8 or 16; 0 for what suits the number of triangles.
     blocks: of kernels whose blocks take work in turns; 0 for as many as the device holds.
     entries: records that a block draws together, 1 to 352, at most 22 for each of its warps.
     queue: records that may wait; what finds no room is drawn on the spot.
     threshold: px of bbox above which a record waits for a block that owns the bin.
+    cache: bytes that the device's cache holds; 0 for what the device says.
     """
 
     few: int
@@ -114,6 +115,7 @@ class CudaTuning(NamedTuple):
     entries: int
     queue: int
     threshold: int
+    cache: int
 
 
 @contextmanager

@@ -206,7 +206,7 @@ cudaError_t cudaGetDevice(int* device) {
   return cudaSuccess;
 }
 cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {
-  *value = attribute == cudaDevAttrMultiProcessorCount ? kProcessors : 7;
+  *value = attribute == cudaDevAttrMultiProcessorCount ? kProcessors : attribute == cudaDevAttrL2CacheSize ? 1 << 20 : 7;
   return cudaSuccess;
 }
 cudaError_t cudaFuncGetAttributes(cudaFuncAttributes* attributes, const void*) {

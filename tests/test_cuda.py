@@ -254,8 +254,9 @@ SETTINGS: dict[str, tuple[int | None, ...]] = {
     "warps": (0, 4, 8, 16),
     "blocks": (0, 1, 3, 1000),
     "entries": (None, 1, 2, 352),
-    "queue": (None, 1, 2),
+    "queue": (None, 1, 2, 700),
     "threshold": (0, 64, 4000, 10**9),
+    "cache": (0, 400_000, 800_000),
 }
 COMBINATIONS = 100
 
@@ -301,7 +302,8 @@ def test_settings_are_restored():
         {"queue": 0},
         {"blocks": -1},
         {"few": -1},
-        {"threshold": -2},
+        {"threshold": -1},
+        {"cache": -1},
         {"some": 2**17},
     ):
         with pytest.raises(RuntimeError, match="set_cuda_tuning"), native.cuda_tuning(**wrong):
@@ -316,6 +318,8 @@ def test_settings_are_restored():
 REPEATED = {
     **PATHS,
     "tiny queue": {"few": 0, "some": 0, "queue": 3},
+    "short lists": {"few": 0, "queue": 600},
+    "two bands": {"few": 0, "cache": 400_000},
     "tiny lists": {"few": 65536, "entries": 2},
     "all queued": {"few": 0, "some": 0, "threshold": 0, "entries": 7},
     "nothing queued": {"few": 0, "some": 0, "threshold": 10**9},

@@ -149,7 +149,7 @@ struct Some {
 
 Some take_some(Scratch* scratch, const Frame& f, const Tuning& t) {
   Some s;
-  s.waiting = take_waiting(scratch, f, t, f.count + min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles), false);
+  s.waiting = take_waiting(scratch, f, t, f.count + min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
   s.later = scratch->take<uint8_t>(s.waiting.room);
   return s;
 }
@@ -200,8 +200,7 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks / 2) set_up_record
     if (!room && lane_id() == lane) later = kClipLater;
   }
   if (mine && fate != Fate::kWhole) s.later[t] = later;
-  const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
-  if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
+  count_dropped(f, fate);
 }
 
 // Draws the lanes' primitives, a warp one after the other.
@@ -215,18 +214,24 @@ __device__ __noinline__ void draw_now(const Frame& f, const Record& record, bool
   __syncwarp();
 }
 
-// Slivers, small triangles, and what found no room, onto the frame. It reads what set_up_records wrote before the pixels are there: draw_listed lets this kernel begin only after it has waited for that one.
+union LaterShared {
+  SliverShared sliver;
+  WarpShared warp[kShareThreads / kWarp];
+  __device__ LaterShared() {}
+};
+
+// Slivers, small triangles, and what found no room, onto the frame. Before its pixels are there this kernel reads what set_up_records has written: draw_listed lets it begin only after having waited for that one.
 __global__ void __launch_bounds__(kShareThreads, kShareBlocks) draw_later(const __grid_constant__ Frame f, const __grid_constant__ Some s, int share) {
-  __shared__ WarpShared shared[kShareThreads / kWarp];
-  __shared__ SliverShared sliver;
+  __shared__ LaterShared shared;
   let_next_begin();
-  WarpShared& own = shared[threadIdx.x / kWarp];
+  WarpShared& own = shared.warp[threadIdx.x / kWarp];
   const int64_t first = ((int64_t)blockIdx.x * (kShareThreads / kWarp) + threadIdx.x / kWarp) * share, t = first + lane_id();
   const uint8_t later = lane_id() < share && t < f.count ? s.later[t] : kNothingLater;
+  const uint32_t parts = min_of(*s.waiting.count(), s.waiting.room - (uint32_t)f.count);
+  draw_slivers(f, s.waiting.records, f.count, s.waiting.bands, [&](int slot) { return s.later[slot] == kSliverLater; }, &shared.sliver);
+  draw_slivers(f, s.waiting.records + f.count, (int)parts, s.waiting.bands, [&](int slot) { return s.later[f.count + slot] == kSliverLater; }, &shared.sliver);
   Primitive p;
   if (later == kSmallLater) p = primitive_of(s.waiting.records[t]);
-  const int slots = (int)min_of<int64_t>(f.count + (int64_t)*s.waiting.count(), s.waiting.room);
-  draw_slivers(f, s.waiting.records, slots, [&](int slot) { return s.later[slot] == kSliverLater; }, &sliver);
   wait_for_previous();
   if (__any_sync(kAllLanes, later == kSmallLater)) draw_small(f, p, (uint32_t)t, later == kSmallLater, &own.small);
   for (unsigned todo = __ballot_sync(kAllLanes, later == kClipLater); todo; todo &= todo - 1) {
@@ -244,7 +249,8 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks) draw_later(const 
 template <int kWarps>
 cudaError_t launch_some(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
-  const Some s = take_some(&scratch, f, t);
+  Some s = take_some(&scratch, f, t);
+  BIGTRI_CUDA(sliver_bands(f, t, &s.waiting.bands));
   int share;
   int64_t blocks;
   const Zeros zeros = s.waiting.zeros();
@@ -271,7 +277,9 @@ struct Many {
 
 Many take_many(Scratch* scratch, const Frame& f, const Tuning& t) {
   Many m;
-  m.waiting = take_waiting(scratch, f, t, min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles), true);
+  m.waiting = take_waiting(scratch, f, t, min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
+  m.waiting.slivers = scratch->take<Record>(m.waiting.room);
+  m.waiting.all = 64;  // few large triangles among many small ones: their records are at hand sooner than lists would be
   m.projected = take_projected(scratch, f);
   return m;
 }
@@ -306,7 +314,8 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
 template <int kWarps>
 cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
-  const Many m = take_many(&scratch, f, t);
+  Many m = take_many(&scratch, f, t);
+  BIGTRI_CUDA(sliver_bands(f, t, &m.waiting.bands));
   BIGTRI_CUDA(launch_clear(f, m.projected, m.waiting.zeros(), stream));
   int share;
   int64_t blocks;

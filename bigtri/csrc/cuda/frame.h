@@ -22,14 +22,15 @@ struct Frame {
 // How the kernels are launched, in the whole process. Nothing here changes a bit of the picture; docs/cuda.md has the measurements behind the numbers.
 struct Tuning {
   int64_t few = 256;    // up to so many triangles, and 16 for each warp of a block, every block sets up all of them by itself
-  int64_t some = 32768;  // up to so many, blocks write the pixels that they own first, and small triangles follow; above, small triangles are drawn at once, and what is larger after them
-  int64_t warps = 0;           // of a block that owns a patch of 64 px by 4 px a warp: 4, 8 or 16; 0: 8 for up to 128 triangles, else 16
-  int64_t blocks = 0;          // of a kernel whose blocks take work in turns; 0: as many as the device holds at once
-  int64_t entries = 352;       // records that a block draws together, at most 22 for each of its warps
-  int64_t queue = 1 << 18;     // records that may wait; what finds no room is drawn on the spot
-  int64_t threshold = 1000;    // px of bbox above which a record waits for a block that owns the bin
+  int64_t some = 32768;  // up to so many, blocks write the pixels that they own, then small triangles follow; above, small triangles come first
+  int64_t warps = 0;  // of a block that owns a patch of 64 px by 4 px a warp: 4, 8 or 16; 0: 8 for up to 128 triangles, else 16
+  int64_t blocks = 0;  // of a kernel whose blocks take work in turns; 0: as many as the device holds at once
+  int64_t entries = 352;  // records that a block draws together, at most 22 for each of its warps
+  int64_t queue = 1 << 18;  // records that may wait; what finds no room is drawn on the spot
+  int64_t threshold = 1000;  // px of bbox above which a record waits for a block that owns the bin
+  int64_t cache = 0;  // bytes that the device's cache holds; 0: what the device says
 };
-constexpr int kTuningFields = 7;
+constexpr int kTuningFields = 8;
 Tuning tuning();
 // False, and nothing changed, if a field is out of range.
 bool set_tuning(const Tuning& t);

@@ -21,6 +21,8 @@ struct Waiting {
   uint32_t *wide_boxes, *wide_slots;  // of the records that all look at
   int columns, bins, listed;
   int most;  // a record with more bins in its bbox is looked at by all
+  uint32_t all;  // so are records in slots below
+  int bands;  // in which slivers are drawn
 
   __device__ uint32_t* count() const { return sizes - 1; }  // of records, or of those that were to be put there
   __device__ uint32_t* wide_count() const { return sizes - 2; }
@@ -29,7 +31,7 @@ struct Waiting {
   Zeros zeros() const { return {sizes - kCounts, bins + kCounts}; }
 };
 
-Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t room, bool slivers_apart) {
+Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t room) {
   Waiting w;
   w.columns = (f.view.width + kBin - 1) / kBin;
   w.bins = w.columns * ((f.view.height + kBin - 1) / kBin);
@@ -37,7 +39,8 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t 
   w.listed = (int)max_of<int64_t>(1, min_of<int64_t>(t.queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / w.bins));
   w.most = max_of(64, w.bins / 64);  // an atomic for each bin, against a look for each bin of the image
   w.records = scratch->take<Record>(room);
-  w.slivers = slivers_apart ? scratch->take<Record>(room) : nullptr;
+  w.slivers = nullptr;
+  w.all = 0;
   w.sizes = scratch->take<uint32_t>(w.bins + Waiting::kCounts) + Waiting::kCounts;
   w.slots = scratch->take<uint32_t>((int64_t)w.bins * w.listed);
   w.wide_boxes = scratch->take<uint32_t>(room);
@@ -49,7 +52,7 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t 
 __device__ __forceinline__ void put_into_lists(const Waiting& w, const Primitive& p, bool have, uint32_t slot) {
   constexpr int kTeam = kWarp / 2;
   const int x0 = p.x0 / kBin, y0 = p.y0 / kBin, across = (p.x1 - 1) / kBin - x0 + 1, bins = across * ((p.y1 - 1) / kBin - y0 + 1);
-  bool wide = have && bins > w.most;
+  bool wide = have && (bins > w.most || slot < w.all);
   for (unsigned todo = __ballot_sync(kAllLanes, have && !wide); todo;) {
     const unsigned others = todo & (todo - 1), mine = lane_id() < kTeam ? todo : others;
     const int lane = max_of(__ffs(mine) - 1, 0), n = __shfl_sync(kAllLanes, bins, lane);
@@ -90,12 +93,15 @@ struct ListedCandidates {
   static constexpr bool kMany = true;
   const Record* records;
   const Waiting& waiting;
+  const bool any;  // in lists
 
-  __device__ explicit ListedCandidates(const Waiting& w) : records(w.records), waiting(w) {}
+  __device__ ListedCandidates(const Waiting& w, bool any_listed) : records(w.records), waiting(w), any(any_listed) {}
   __device__ __forceinline__ uint32_t box(int i) const { return waiting.wide_boxes[i]; }
   __device__ __forceinline__ int slot(int i) const { return (int)waiting.wide_slots[i]; }
   __device__ __forceinline__ int bin(int x, int y) const { return y * waiting.columns + x; }
-  __device__ __forceinline__ int listed(int bin_x, int bin_y) const { return (int)min_of(waiting.sizes[bin(bin_x, bin_y)], (uint32_t)waiting.listed); }
+  __device__ __forceinline__ int listed(int bin_x, int bin_y) const {
+    return !any ? 0 : (int)min_of(waiting.sizes[bin(bin_x, bin_y)], (uint32_t)waiting.listed);
+  }
   __device__ __forceinline__ int listed_slot(int bin_x, int bin_y, int i) const { return (int)waiting.slots[(int64_t)bin(bin_x, bin_y) * waiting.listed + i]; }
 };
 
@@ -103,15 +109,21 @@ struct ListedCandidates {
 template <int kWarps, Output kOutput>
 __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_listed(const __grid_constant__ Frame f, const __grid_constant__ Waiting w, int room) {
   __shared__ SliverShared shared;
-  begin_turn<kWarps>(f, blockIdx.x);
+  begin_turn<kWarps>(f, blockIdx.x, kOutput == Output::kWrite ? 1 : 0);
+  if (kOutput == Output::kWrite) {  // while set-up still keeps it waiting: the background into its first patch, which may be all of it
+    Region region = region_of(Patch<kWarps>::at(f.view, blockIdx.x));
+    region.clear();
+    region.store(f);
+  }
   wait_for_previous();
   let_next_begin();
-  if (kOutput == Output::kWrite || *w.count() > 0) {
+  const uint32_t count = *w.count();
+  if (kOutput == Output::kWrite || count > 0) {
     if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.wide_count(), kOutput == Output::kMerge);
     __syncthreads();
-    draw_patches<kWarps, kOutput>(f, ListedCandidates(w), room);
+    draw_patches<kWarps, kOutput>(f, ListedCandidates(w, kOutput == Output::kWrite || count > w.all), room);
   }
-  if (kOutput == Output::kMerge) draw_slivers(f, w.slivers, (int)min_of(*w.sliver_count(), w.room), [](int) { return true; }, &shared);
+  if (kOutput == Output::kMerge) draw_slivers(f, w.slivers, (int)min_of(*w.sliver_count(), w.room), w.bands, [](int) { return true; }, &shared);
 }
 
 template <int kWarps, Output kOutput>

@@ -81,6 +81,7 @@ struct PatchShared {
   unsigned touched;  // bits of the patches that have a candidate, where these are many
   bool drawn;  // the frame holds what has been drawn before
   bool resumed;  // the patches have been drawn once
+  int cleared;  // the first patches of the turn, which hold the background already
 
   // By one thread; a barrier has to follow.
   __device__ __forceinline__ void begin(int candidates, bool on_what_is_there) {
@@ -144,7 +145,7 @@ __device__ __forceinline__ Region region_of(const Patch<kWarps>& p) {
 
 // The block's turn that begins with patch number `first`. By all threads, of which the last warp's do it, for others may have more to do; a barrier has to follow.
 template <int kWarps>
-__device__ __forceinline__ void begin_turn(const Frame& f, int first) {
+__device__ __forceinline__ void begin_turn(const Frame& f, int first, int cleared = 0) {
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   const int k = (int)this_thread() - (kWarps - 1) * kWarp;
   if (k >= 0 && k < kTurn) s->patch[k] = Patch<kWarps>::at(f.view, first + k * (int)gridDim.x);
@@ -156,6 +157,7 @@ __device__ __forceinline__ void begin_turn(const Frame& f, int first) {
     s->entry_count = 0;
     s->touched = 0;
     s->resumed = false;
+    s->cleared = cleared;
   }
 }
 
@@ -263,7 +265,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
     for (int group = 0;;) {
       if (kMany && reread(s->together) == 0)  // then a group is one patch
         for (; group < s->patches && !(s->touched >> group & 1); ++group)
-          if (kOutput == Output::kWrite && !s->drawn) {
+          if (kOutput == Output::kWrite && !s->drawn && group >= s->cleared) {
             Region region = region_of(s->patch[group]);
             region.clear();
             region.store(f);
@@ -275,7 +277,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
 #pragma unroll 1
       for (int k = 0; k < min_of(1 << together, s->patches - group); ++k) {
         const Patch<kWarps> patch = s->patch[group + k];
-        if (patch.waiting == 0 && (kOutput == Output::kMerge || again)) continue;
+        if (patch.waiting == 0 && (kOutput == Output::kMerge || again || (kMany && group + k < s->cleared))) continue;
         const uint16_t* const list = s->list + k * (kThreads >> together);
         const bool empty = kOutput == Output::kMerge || !again;
         Region region = region_of(patch);

@@ -99,6 +99,12 @@ __device__ __forceinline__ Fate set_up(const Frame& f, int32_t t, const Vertex* 
   return assemble(f, v, p);
 }
 
+// Counts the lanes' triangles that are dropped. By all lanes.
+__device__ __forceinline__ void count_dropped(const Frame& f, Fate fate) {
+  const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
+  if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
+}
+
 // The corners of `count` triangles from `base` on, by `threads` threads: where triangles are few, three threads for one take a third of the time. An index that names no vertex makes
 // its triangle one to drop.
 __device__ __forceinline__ void project_corners(const Frame& f, int64_t base, int count, Vertex* corners, int thread, int threads) {

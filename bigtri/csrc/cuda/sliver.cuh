@@ -85,12 +85,38 @@ __device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* reco
   }
 }
 
-// The part of the sliver s->record in one chunk, by all threads of a block, at least kSliverThreads, on a frame that has been cleared. kWide: a line is a column of the image, else a row. A call, so that its
+struct Lines {
+  int begin, end;
+};
+
+// Of a sliver's lines those in number `band` of the image's bands of rows: whatever is rounded here, all bands together have all lines. kWide: lines are columns.
+template <bool kWide>
+__device__ __forceinline__ Lines lines_in_band(const Record& r, const Lines& all, int height, int band, int bands) {
+  int a = 0, b = 0;  // its ends
+  for (int k = 1; k < 3; ++k) {
+    a = r.x[k] < r.x[a] ? k : a;
+    b = r.x[k] > r.x[b] ? k : b;
+  }
+  const float rise = (float)(r.y[b] - r.y[a]), run = (float)(r.x[b] - r.x[a]);
+  const bool down = !kWide || rise >= 0.0f;  // from line to line
+  const auto border = [&](int k) {  // between bands k - 1 and k
+    if (k == 0 || k == bands) return (k == 0) == down ? all.begin : all.end;
+    const int y = (int)((int64_t)height * k / bands);
+    const float at = kWide ? ((float)r.x[a] + (float)(y * kSubpixel - r.y[a]) / rise * run) * (1.0f / kSubpixel) : (float)y;
+    return (int)fminf(fmaxf(at, (float)all.begin), (float)all.end);
+  };
+  const int above = border(band), below = border(band + 1);
+  return {min_of(above, below), max_of(above, below)};
+}
+
+// The part of the sliver s->record in one chunk and band, by all threads of a block, at least kSliverThreads, on a frame that has been cleared. kWide: a line is a column of the image, else a row. A call, so that its
 // registers cost its callers nothing.
 template <bool kWide>
-__device__ __noinline__ void draw_sliver(const Frame& f, int chunk, SliverShared* s) {
+__device__ __noinline__ void draw_sliver(const Frame& f, int chunk, int band, int bands, SliverShared* s) {
   const Record& r = s->record;
-  const int begin = max_of(chunk * kSliverChunk, kWide ? r.x0 : r.y0), lines = min_of((chunk + 1) * kSliverChunk, kWide ? r.x1 : r.y1) - begin;
+  Lines part = {max_of(chunk * kSliverChunk, kWide ? r.x0 : r.y0), min_of((chunk + 1) * kSliverChunk, kWide ? r.x1 : r.y1)};
+  if (bands > 1) part = lines_in_band<kWide>(r, part, f.view.height, band, bands);
+  const int begin = part.begin, lines = part.end - begin;
   if (lines <= 0) return;
   const int low = kWide ? r.y0 : r.x0, end = (kWide ? r.y1 : r.x1) - low;  // pixels of a line
   if (threadIdx.x < 3) {
@@ -164,31 +190,35 @@ __device__ __noinline__ void draw_sliver(const Frame& f, int chunk, SliverShared
   }
 }
 
-// Of the first `count` records those that is_one(number) says are slivers, a chunk a block at a time, by all blocks of a grid.
+// Of the first `count` records those that is_one(number) says are slivers, a chunk and band a block at a time, by all blocks of a grid.
 template <class IsOne>
-__device__ __forceinline__ void draw_slivers(const Frame& f, const Record* records, int count, const IsOne& is_one, SliverShared* s) {
+__device__ __forceinline__ void draw_slivers(const Frame& f, const Record* records, int count, int bands, const IsOne& is_one, SliverShared* s) {
   constexpr int kWords = sizeof(Record) / sizeof(uint32_t);
-  const int chunks = sliver_chunks(f.view), thread = threadIdx.x;
-  const int64_t items = (int64_t)count * chunks;
+  const int thread = threadIdx.x;
+  const uint32_t chunks = (uint32_t)sliver_chunks(f.view), each = (uint32_t)count * chunks;  // items of a band
+  const int64_t items = (int64_t)each * bands;
+  if (items <= gridDim.x && thread == 0 && blockIdx.x < items) prefetch(records + blockIdx.x % each / chunks);  // whether it is one takes as long to know
   for (int64_t base = blockIdx.x; base < items; base += (int64_t)kSliverThreads * gridDim.x) {
     // Many are looked at together, each by a thread, which brings what it finds near to the multiprocessor.
     const int64_t i = base + (int64_t)thread * gridDim.x;
-    const bool one = thread < kSliverThreads && i < items && is_one((int)(i / chunks));
-    if (one) prefetch(records + i / chunks);
+    const uint32_t number = (uint32_t)i % each / chunks;
+    const bool one = thread < kSliverThreads && i < items && is_one((int)number);
+    if (one) prefetch(records + number);
+    if (!__syncthreads_or(one)) continue;
     if (thread == 0) s->count = 0;
     __syncthreads();
     if (one) s->item[atomicAdd(&s->count, 1)] = (uint32_t)i;
     __syncthreads();
     const int found = s->count;
     for (int k = 0; k < found; ++k) {
-      const uint32_t item = s->item[k], number = item / (uint32_t)chunks;
+      const uint32_t item = s->item[k], of_band = item % each, number = of_band / chunks;
       if (thread < kWords) reinterpret_cast<uint32_t*>(&s->record)[thread] = reinterpret_cast<const uint32_t*>(records + number)[thread];
       __syncthreads();
-      const int chunk = (int)(item - number * (uint32_t)chunks);
+      const int chunk = (int)(of_band - number * chunks), band = bands - 1 - (int)(item / each);
       if (extent(s->record.x) >= extent(s->record.y))
-        draw_sliver<true>(f, chunk, s);
+        draw_sliver<true>(f, chunk, band, bands, s);
       else
-        draw_sliver<false>(f, chunk, s);
+        draw_sliver<false>(f, chunk, band, bands, s);
       __syncthreads();
     }
   }

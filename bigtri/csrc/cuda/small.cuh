@@ -183,8 +183,7 @@ __device__ __forceinline__ void set_up_share(const Frame& f, const Vertex* proje
     __syncwarp();
     other(part, triangle, have, &s->record);
   }
-  const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
-  if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
+  count_dropped(f, fate);
 }
 
 }  // namespace
