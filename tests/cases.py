@@ -310,12 +310,29 @@ def clipped_fans(rng: np.random.Generator) -> Case:
     return soup(np.concatenate([tip[:, None], ends], axis=1)[rng.permutation(count)], (120, 130))
 
 
+def small_clipped(rng: np.random.Generator) -> Case:
+    """Triangles of some 10 px that the near plane cuts, so that the parts are small too."""
+    count = 150
+    xy = rng.uniform(4, 140, (count, 1, 2)) + rng.uniform(-7, 7, (count, 3, 2))
+    return from_pixels(xy, rng.uniform(-0.3, 0.5, (count, 3)), (140, 150))
+
+
 def hundreds_in_a_bin(rng: np.random.Generator) -> Case:
     """In one bin more triangles than are drawn together, nearly all of them seen; few in others, so that the bounds are apart."""
     count = 460
     xy = rng.uniform(66, 126, (count, 1, 2)) + rng.uniform(-4, 4, (count, 3, 2))
     xy[::12] += rng.choice([-64, 0, 64], (len(xy[::12]), 1, 2))
     return from_pixels(xy, rng.uniform(0.1, 0.9, (count, 3)), (200, 194))
+
+
+def hundreds_in_a_list(rng: np.random.Generator) -> Case:
+    """The same with triangles of some 25 px, which the GPU keeps in lists for each bin; in some bins there is only one."""
+    count = 420
+    xy = rng.uniform(80, 112, (count, 1, 2)) + rng.uniform(-13, 13, (count, 3, 2))
+    xy[::12] += rng.choice([-64, 0, 64], (len(xy[::12]), 1, 2))
+    xy[0] += [[128, -64]]
+    xy[1] += [[192, 128]]
+    return from_pixels(xy, rng.uniform(0.1, 0.9, (count, 3)), (260, 330))
 
 
 def steep_from_near(rng: np.random.Generator) -> Case:
@@ -387,6 +404,8 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
         steep_ends,
         clipped_fans,
         hundreds_in_a_bin,
+        hundreds_in_a_list,
+        small_clipped,
         steep_from_near,
         not_finite,
         inside_sphere,

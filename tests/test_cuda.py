@@ -278,7 +278,7 @@ def test_every_setting_is_tried():
     [
         *("behind_camera", "guard_band", "inside_sphere", "slivers", "needles_on_centres", "far_depth", "many_small"),
         *("layers", "full_screens", "crowded", "corner_of_huge", "ties_at_bounds", "size_128x67", "mixed"),
-        *("clipped_fans", "hundreds_in_a_bin", "long_slivers", "small_on_cells"),
+        *("clipped_fans", "hundreds_in_a_bin", "hundreds_in_a_list", "long_slivers", "small_on_cells"),
     ],
 )
 def test_launch_settings_change_no_bit(name, variant):

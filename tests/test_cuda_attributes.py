@@ -139,6 +139,12 @@ def test_empty_inputs():
         result = OPS.interpolate(packed, positions, faces, torch.ones(1, 3, channels, device=DEVICE))
         assert result.shape == (batch, height, width, channels) and not result.any()
         assert not OPS.barycentrics(packed, positions, faces).any()
+    for channels in (1, 2, 5):  # no vertex, so no attributes in memory either
+        packed, none = torch.full((1, 48, 64), 7, dtype=torch.int64, device=DEVICE), torch.zeros(1, 0, 4, device=DEVICE)
+        used = torch.full((1, 48, 64, channels), torch.nan, device=DEVICE)
+        del used  # the result gets its memory
+        result = OPS.interpolate(packed, none, faces, torch.zeros(1, 0, channels, device=DEVICE))
+        assert result.shape == (1, 48, 64, channels) and bool((result == 0).all())
     assert bigtri.sample_texture(torch.ones(2, 2, 3, device=DEVICE), torch.zeros(0, 2, device=DEVICE)).shape == (0, 3)
     none = torch.zeros(0, 3, device=DEVICE)
     assert bigtri.lambert(none, none, torch.ones(3, device=DEVICE), none, none).shape == (0, 3)

@@ -34,7 +34,17 @@ SETTINGS = {
     "few": (0, 1, 64, 256),
     "some": (0, 4096, 65536),
 }
-ODD = ("behind_camera", "guard_band", "crowded", "clipped_fans", "hundreds_in_a_bin", "long_slivers", "small_on_cells", "mixed")
+ODD = (
+    "behind_camera",
+    "guard_band",
+    "crowded",
+    "clipped_fans",
+    "hundreds_in_a_bin",
+    "hundreds_in_a_list",
+    "long_slivers",
+    "small_on_cells",
+    "mixed",
+)
 
 
 @functools.cache

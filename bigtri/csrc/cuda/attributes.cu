@@ -109,7 +109,7 @@ __device__ __forceinline__ void write_weights(unsigned which, const Weights& w, 
 // With all lanes.
 __device__ __forceinline__ void write_group(const Interpolation& job, int64_t view, int64_t group, unsigned which, int32_t triangle, const Weights& w) {
   float* out = job.out + (view * job.height * job.width + group * kWarp) * job.channels;
-  if (!job.attributes) {
+  if (job.weights) {
     write_weights(which, w, out);
     return;
   }

@@ -12,7 +12,8 @@ struct Interpolation {
   const int64_t* packed;     // [B, H, W], any values
   const float* positions;    // [B, V, 4], clip space
   const int32_t* triangles;  // [T, 3]; one with an index that is no vertex reads as background
-  const float* attributes;   // [V, C] or [B, V, C], or null: the barycentrics of the parent's corners
+  const float* attributes;   // [V, C] or [B, V, C]; without a vertex null
+  bool weights;              // no attributes: the barycentrics of the parent's corners
   float* out;                // [B, H, W, channels]
   uint32_t* clipped;         // interpolation_scratch bytes
   int64_t batch;             // B

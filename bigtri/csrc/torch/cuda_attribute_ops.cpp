@@ -30,6 +30,7 @@ Tensor interpolate_pixels(const char* op, int device, const Tensor& packed, cons
   job.positions = const_data<float>(positions);
   job.triangles = const_data<int32_t>(triangles);
   job.count = (int32_t)triangles.size(0);
+  job.weights = attributes == nullptr;
   if (attributes) {
     job.attributes = const_data<float>(*attributes);
     job.attribute_view = attributes->size(0) == 1 ? 0 : job.vertices * job.channels;
