@@ -104,7 +104,7 @@ class CudaTuning(NamedTuple):
     blocks: of kernels whose blocks take work in turns; 0 for as many as the device holds.
     entries: records that a block draws together, 1 to 352, at most 22 for each of its warps.
     queue: records that may wait; what finds no room is drawn on the spot.
-    threshold: px of bbox above which a record waits for a block that owns the bin.
+    threshold: px of bbox above which a record waits for a block that owns the bin; small ones never do.
     cache: bytes that the device's cache holds; 0 for what the device says.
     """
 

@@ -224,12 +224,14 @@ union LaterShared {
 __global__ void __launch_bounds__(kShareThreads, kShareBlocks) draw_later(const __grid_constant__ Frame f, const __grid_constant__ Some s, int share) {
   __shared__ LaterShared shared;
   let_next_begin();
+#pragma unroll 1
+  for (int part = 0; part < 2; ++part) {  // whole triangles, then parts of clipped ones
+    const int first = part * f.count, count = part == 0 ? f.count : (int)min_of(*s.waiting.count(), s.waiting.room - (uint32_t)f.count);
+    draw_slivers(f, s.waiting.records + first, count, s.waiting.bands, [&](int number) { return s.later[first + number] == kSliverLater; }, &shared.sliver);
+  }
   WarpShared& own = shared.warp[threadIdx.x / kWarp];
   const int64_t first = ((int64_t)blockIdx.x * (kShareThreads / kWarp) + threadIdx.x / kWarp) * share, t = first + lane_id();
   const uint8_t later = lane_id() < share && t < f.count ? s.later[t] : kNothingLater;
-  const uint32_t parts = min_of(*s.waiting.count(), s.waiting.room - (uint32_t)f.count);
-  draw_slivers(f, s.waiting.records, f.count, s.waiting.bands, [&](int slot) { return s.later[slot] == kSliverLater; }, &shared.sliver);
-  draw_slivers(f, s.waiting.records + f.count, (int)parts, s.waiting.bands, [&](int slot) { return s.later[f.count + slot] == kSliverLater; }, &shared.sliver);
   Primitive p;
   if (later == kSmallLater) p = primitive_of(s.waiting.records[t]);
   wait_for_previous();

@@ -27,7 +27,7 @@ struct Tuning {
   int64_t blocks = 0;  // of a kernel whose blocks take work in turns; 0: as many as the device holds at once
   int64_t entries = 352;  // records that a block draws together, at most 22 for each of its warps
   int64_t queue = 1 << 18;  // records that may wait; what finds no room is drawn on the spot
-  int64_t threshold = 1000;  // px of bbox above which a record waits for a block that owns the bin
+  int64_t threshold = 0;  // px of bbox above which a record waits for a block that owns the bin; small ones (small.cuh) never do
   int64_t cache = 0;  // bytes that the device's cache holds; 0: what the device says
 };
 constexpr int kTuningFields = 8;

@@ -46,9 +46,14 @@ __device__ __forceinline__ Crossing crossing_of(int64_t f, int32_t step, int32_t
   return c;
 }
 
+struct Lines {
+  int begin, end;
+};
+
 // Shared memory of a block: a sliver, where a chunk's lines cross its edges, and the planes of the cells that it meets, by their anchors.
 struct SliverShared {
   Record record;
+  Lines part;  // to be drawn
   Crossing crossing[3];
   double zcell[kSliverCells][kSliverRows];
   int row[kSliverCells];  // the first
@@ -85,38 +90,33 @@ __device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* reco
   }
 }
 
-struct Lines {
-  int begin, end;
-};
-
-// Of a sliver's lines those in number `band` of the image's bands of rows: whatever is rounded here, all bands together have all lines. kWide: lines are columns.
-template <bool kWide>
-__device__ __forceinline__ Lines lines_in_band(const Record& r, const Lines& all, int height, int band, int bands) {
+// A sliver's lines in one chunk and band of rows of the image: whatever is rounded here, all bands together have all lines. wide: lines are columns.
+__device__ __forceinline__ Lines lines_of(const Record& r, bool wide, int chunk, int height, int band, int bands) {
+  const Lines all = {max_of(chunk * kSliverChunk, wide ? r.x0 : r.y0), min_of((chunk + 1) * kSliverChunk, wide ? r.x1 : r.y1)};
+  if (bands == 1) return all;
   int a = 0, b = 0;  // its ends
   for (int k = 1; k < 3; ++k) {
     a = r.x[k] < r.x[a] ? k : a;
     b = r.x[k] > r.x[b] ? k : b;
   }
   const float rise = (float)(r.y[b] - r.y[a]), run = (float)(r.x[b] - r.x[a]);
-  const bool down = !kWide || rise >= 0.0f;  // from line to line
+  const bool down = !wide || rise >= 0.0f;  // from line to line
   const auto border = [&](int k) {  // between bands k - 1 and k
     if (k == 0 || k == bands) return (k == 0) == down ? all.begin : all.end;
     const int y = (int)((int64_t)height * k / bands);
-    const float at = kWide ? ((float)r.x[a] + (float)(y * kSubpixel - r.y[a]) / rise * run) * (1.0f / kSubpixel) : (float)y;
+    const float at = wide ? ((float)r.x[a] + (float)(y * kSubpixel - r.y[a]) / rise * run) * (1.0f / kSubpixel) : (float)y;
     return (int)fminf(fmaxf(at, (float)all.begin), (float)all.end);
   };
   const int above = border(band), below = border(band + 1);
   return {min_of(above, below), max_of(above, below)};
 }
 
-// The part of the sliver s->record in one chunk and band, by all threads of a block, at least kSliverThreads, on a frame that has been cleared. kWide: a line is a column of the image, else a row. A call, so that its
+// Lines s->part of the sliver s->record, by all threads of a block, at least kSliverThreads, on a frame that has been cleared. kWide: a line is a column of the image, else a row. A call, so that its
 // registers cost its callers nothing.
 template <bool kWide>
-__device__ __noinline__ void draw_sliver(const Frame& f, int chunk, int band, int bands, SliverShared* s) {
+__device__ __noinline__ void draw_sliver(const Frame& f, SliverShared* s) {
   const Record& r = s->record;
-  Lines part = {max_of(chunk * kSliverChunk, kWide ? r.x0 : r.y0), min_of((chunk + 1) * kSliverChunk, kWide ? r.x1 : r.y1)};
-  if (bands > 1) part = lines_in_band<kWide>(r, part, f.view.height, band, bands);
-  const int begin = part.begin, lines = part.end - begin;
+  const int begin = s->part.begin, lines = s->part.end - begin;
   if (lines <= 0) return;
   const int low = kWide ? r.y0 : r.x0, end = (kWide ? r.y1 : r.x1) - low;  // pixels of a line
   if (threadIdx.x < 3) {
@@ -194,31 +194,33 @@ __device__ __noinline__ void draw_sliver(const Frame& f, int chunk, int band, in
 template <class IsOne>
 __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* records, int count, int bands, const IsOne& is_one, SliverShared* s) {
   constexpr int kWords = sizeof(Record) / sizeof(uint32_t);
-  const int thread = threadIdx.x;
-  const uint32_t chunks = (uint32_t)sliver_chunks(f.view), each = (uint32_t)count * chunks;  // items of a band
-  const int64_t items = (int64_t)each * bands;
+  const uint32_t chunks = (uint32_t)sliver_chunks(f.view), each = (uint32_t)count * chunks, items = each * (uint32_t)bands;  // each: of a band; below 2^30
+  const uint32_t thread = threadIdx.x;
   if (items <= gridDim.x && thread == 0 && blockIdx.x < items) prefetch(records + blockIdx.x % each / chunks);  // whether it is one takes as long to know
-  for (int64_t base = blockIdx.x; base < items; base += (int64_t)kSliverThreads * gridDim.x) {
+#pragma unroll 1
+  for (uint32_t base = blockIdx.x; base < items; base += kSliverThreads * gridDim.x) {
     // Many are looked at together, each by a thread, which brings what it finds near to the multiprocessor.
-    const int64_t i = base + (int64_t)thread * gridDim.x;
-    const uint32_t number = (uint32_t)i % each / chunks;
+    const uint32_t i = base + thread * gridDim.x, number = i % each / chunks;
     const bool one = thread < kSliverThreads && i < items && is_one((int)number);
     if (one) prefetch(records + number);
     if (!__syncthreads_or(one)) continue;
     if (thread == 0) s->count = 0;
     __syncthreads();
-    if (one) s->item[atomicAdd(&s->count, 1)] = (uint32_t)i;
+    if (one) s->item[atomicAdd(&s->count, 1)] = i;
     __syncthreads();
-    const int found = s->count;
-    for (int k = 0; k < found; ++k) {
-      const uint32_t item = s->item[k], of_band = item % each, number = of_band / chunks;
-      if (thread < kWords) reinterpret_cast<uint32_t*>(&s->record)[thread] = reinterpret_cast<const uint32_t*>(records + number)[thread];
+#pragma unroll 1
+    for (int k = 0; k < s->count; ++k) {
+      const uint32_t item = s->item[k], of_band = item % each;
+      if (threadIdx.x < kWords)
+        reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] = reinterpret_cast<const uint32_t*>(records + of_band / chunks)[threadIdx.x];
       __syncthreads();
-      const int chunk = (int)(of_band - number * chunks), band = bands - 1 - (int)(item / each);
-      if (extent(s->record.x) >= extent(s->record.y))
-        draw_sliver<true>(f, chunk, band, bands, s);
+      const bool wide = extent(s->record.x) >= extent(s->record.y);
+      if (threadIdx.x == 0) s->part = lines_of(s->record, wide, (int)(of_band % chunks), f.view.height, bands - 1 - (int)(item / each), bands);
+      __syncthreads();
+      if (wide)
+        draw_sliver<true>(f, s);
       else
-        draw_sliver<false>(f, chunk, band, bands, s);
+        draw_sliver<false>(f, s);
       __syncthreads();
     }
   }
