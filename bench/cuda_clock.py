@@ -168,7 +168,7 @@ def kernels(call: Call, calls: int = 5) -> dict[str, float]:
 def short_name(kernel: str) -> str:
     """A kernel's name without return type, namespaces and arguments."""
     kernel = re.sub(r"\((int|bool|unsigned int)\)|\(anonymous namespace\)::|<unnamed>::|\bbigtri::|^void ", "", kernel)
-    return kernel.split("(")[0][:70]
+    return re.split(r"[(<]", kernel)[0][:70]
 
 
 # --- rows
