@@ -98,7 +98,10 @@ def test_repeats() -> None:
         ("void bigtri::(anonymous namespace)::draw_few<8>(bigtri::Frame, int)", "draw_few<8>"),
         ("bigtri::<unnamed>::draw_many(bigtri::Frame, bigtri::Queues)", "draw_many"),
         ("void bigtri::(anonymous namespace)::draw_some<(int)8>(bigtri::Frame)", "draw_some<8>"),
-        ("void bigtri::(anonymous namespace)::draw_all<16, (bigtri::(anonymous namespace)::Output)1>(bigtri::Frame)", "draw_all<16, 1>"),
+        (
+            "void bigtri::(anonymous namespace)::draw_all<16, (bigtri::(anonymous namespace)::Output)1>(bigtri::Frame)",
+            "draw_all<16, 1>",
+        ),
         ("Memset (Device)", "Memset "),
     ],
 )
