@@ -138,30 +138,30 @@ cudaError_t launch_few(const Frame& f, const Tuning& t, cudaStream_t stream) {
 
 // --- some
 
-// What becomes of a record after the owned pixels have been written, or of a triangle without one.
+// What becomes of a triangle after the owned pixels have been written.
 enum Later : uint8_t { kNothingLater, kSmallLater, kSliverLater, kClipLater };
 
-// Slot t is triangle t's. The parts of clipped triangles follow.
+// Slot t is triangle t's. The parts of clipped triangles follow, all of them for the lists, even slivers.
 struct Some {
   Waiting waiting;
-  uint8_t* later;  // of each slot
+  Later* later;  // of each triangle
 };
 
 Some take_some(Scratch* scratch, const Frame& f, const Tuning& t) {
   Some s;
   s.waiting = take_waiting(scratch, f, t, f.count + min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
-  s.later = scratch->take<uint8_t>(s.waiting.room);
+  s.later = scratch->take<Later>(f.count);
   return s;
 }
 
-// Records of the lanes' primitives, each in its slot, and what waits in the lists. By all lanes.
+// Records of the lanes' primitives, each in its slot, and of whole triangles what becomes of them; what waits into the lists. By all lanes.
 __device__ __forceinline__ void put_records(const Some& s, const Primitive& p, int64_t triangle, bool have, uint32_t slot) {
-  const bool whole = slot == (uint32_t)triangle, small = have && whole && is_small(p), sliver = have && is_sliver(p);
+  Later later = kNothingLater;
   if (have) {
     fill_record(p, triangle, &s.waiting.records[slot]);
-    s.later[slot] = small ? kSmallLater : sliver ? kSliverLater : kNothingLater;
+    if (slot == (uint32_t)triangle) s.later[slot] = later = is_small(p) ? kSmallLater : is_sliver(p) ? kSliverLater : kNothingLater;
   }
-  put_into_lists(s.waiting, p, have && !small && !sliver, slot);
+  put_into_lists(s.waiting, p, have && later == kNothingLater, slot);
 }
 
 constexpr int kZeroThreads = 256;
@@ -184,7 +184,7 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks / 2) set_up_record
   const Fate fate = mine ? set_up(f, (int32_t)t, nullptr, &p) : Fate::kNothing;
   wait_for_previous();
   put_records(s, p, t, fate == Fate::kWhole, (uint32_t)t);
-  uint8_t later = kNothingLater;
+  Later later = kNothingLater;
   for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
     const int lane = __ffs(todo) - 1;
     Primitive part;
@@ -196,7 +196,6 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks / 2) set_up_record
     const bool room = at + __popc(all) <= w.room;  // for all parts or none
     at += __popc(all & lanes_below());
     put_records(s, part, first + lane, have && room, at);
-    if (have && !room && at < w.room) s.later[at] = kNothingLater;
     if (!room && lane_id() == lane) later = kClipLater;
   }
   if (mine && fate != Fate::kWhole) s.later[t] = later;
@@ -224,14 +223,10 @@ union LaterShared {
 __global__ void __launch_bounds__(kShareThreads, kShareBlocks) draw_later(const __grid_constant__ Frame f, const __grid_constant__ Some s, int share) {
   __shared__ LaterShared shared;
   let_next_begin();
-#pragma unroll 1
-  for (int part = 0; part < 2; ++part) {  // whole triangles, then parts of clipped ones
-    const int first = part * f.count, count = part == 0 ? f.count : (int)min_of(*s.waiting.count(), s.waiting.room - (uint32_t)f.count);
-    draw_slivers(f, s.waiting.records + first, count, s.waiting.bands, [&](int number) { return s.later[first + number] == kSliverLater; }, &shared.sliver);
-  }
+  draw_slivers(f, s.waiting.records, f.count, s.waiting.bands, [&](int triangle) { return s.later[triangle] == kSliverLater; }, &shared.sliver);
   WarpShared& own = shared.warp[threadIdx.x / kWarp];
   const int64_t first = ((int64_t)blockIdx.x * (kShareThreads / kWarp) + threadIdx.x / kWarp) * share, t = first + lane_id();
-  const uint8_t later = lane_id() < share && t < f.count ? s.later[t] : kNothingLater;
+  const Later later = lane_id() < share && t < f.count ? s.later[t] : kNothingLater;
   Primitive p;
   if (later == kSmallLater) p = primitive_of(s.waiting.records[t]);
   wait_for_previous();

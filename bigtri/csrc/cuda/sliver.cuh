@@ -103,8 +103,8 @@ __device__ __forceinline__ Lines lines_of(const Record& r, bool wide, int chunk,
   const bool down = !wide || rise >= 0.0f;  // from line to line
   const auto border = [&](int k) {  // between bands k - 1 and k
     if (k == 0 || k == bands) return (k == 0) == down ? all.begin : all.end;
-    const int y = (int)((int64_t)height * k / bands);
-    const float at = wide ? ((float)r.x[a] + (float)(y * kSubpixel - r.y[a]) / rise * run) * (1.0f / kSubpixel) : (float)y;
+    const int y = height * k / bands;
+    const float at = wide ? ((float)r.x[a] + __fdividef((float)(y * kSubpixel - r.y[a]), rise) * run) * (1.0f / kSubpixel) : (float)y;
     return (int)fminf(fmaxf(at, (float)all.begin), (float)all.end);
   };
   const int above = border(band), below = border(band + 1);
@@ -190,32 +190,37 @@ __device__ __noinline__ void draw_sliver(const Frame& f, SliverShared* s) {
   }
 }
 
-// Of the first `count` records those that is_one(number) says are slivers, a chunk and band a block at a time, by all blocks of a grid.
+// Of the first `count` records those that is_one(number) says are slivers, a chunk and band a block at a time, by all blocks of a grid. Drawing a sliver takes all registers, so little is kept in them meanwhile.
 template <class IsOne>
 __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* records, int count, int bands, const IsOne& is_one, SliverShared* s) {
   constexpr int kWords = sizeof(Record) / sizeof(uint32_t);
-  const uint32_t chunks = (uint32_t)sliver_chunks(f.view), each = (uint32_t)count * chunks, items = each * (uint32_t)bands;  // each: of a band; below 2^30
-  const uint32_t thread = threadIdx.x;
-  if (items <= gridDim.x && thread == 0 && blockIdx.x < items) prefetch(records + blockIdx.x % each / chunks);  // whether it is one takes as long to know
+  const auto chunks = [&] { return (uint32_t)sliver_chunks(f.view); };
+  const auto each = [&] { return (uint32_t)count * chunks(); };  // items of a band; all of them are below 2^30
+  const auto items = [&] { return each() * (uint32_t)bands; };
+  if (items() <= gridDim.x && threadIdx.x == 0 && blockIdx.x < items())
+    prefetch(records + blockIdx.x % each() / chunks());  // whether it is one takes as long to know
 #pragma unroll 1
-  for (uint32_t base = blockIdx.x; base < items; base += kSliverThreads * gridDim.x) {
+  for (uint32_t base = blockIdx.x; base < items(); base += kSliverThreads * gridDim.x) {
     // Many are looked at together, each by a thread, which brings what it finds near to the multiprocessor.
-    const uint32_t i = base + thread * gridDim.x, number = i % each / chunks;
-    const bool one = thread < kSliverThreads && i < items && is_one((int)number);
+    const uint32_t i = base + threadIdx.x * gridDim.x, number = i % each() / chunks();
+    const bool one = threadIdx.x < kSliverThreads && i < items() && is_one((int)number);
     if (one) prefetch(records + number);
     if (!__syncthreads_or(one)) continue;
-    if (thread == 0) s->count = 0;
+    if (threadIdx.x == 0) s->count = 0;
     __syncthreads();
     if (one) s->item[atomicAdd(&s->count, 1)] = i;
     __syncthreads();
 #pragma unroll 1
-    for (int k = 0; k < s->count; ++k) {
-      const uint32_t item = s->item[k], of_band = item % each;
+    while (s->count > 0) {  // the last one first: of the last band
+      const uint32_t item = s->item[s->count - 1], of_band = item % each();
       if (threadIdx.x < kWords)
-        reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] = reinterpret_cast<const uint32_t*>(records + of_band / chunks)[threadIdx.x];
+        reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] = reinterpret_cast<const uint32_t*>(records + of_band / chunks())[threadIdx.x];
       __syncthreads();
       const bool wide = extent(s->record.x) >= extent(s->record.y);
-      if (threadIdx.x == 0) s->part = lines_of(s->record, wide, (int)(of_band % chunks), f.view.height, bands - 1 - (int)(item / each), bands);
+      if (threadIdx.x == 0) {
+        s->part = lines_of(s->record, wide, (int)(of_band % chunks()), f.view.height, (int)(item / each()), bands);
+        --s->count;
+      }
       __syncthreads();
       if (wide)
         draw_sliver<true>(f, s);
