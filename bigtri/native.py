@@ -103,7 +103,7 @@ class CudaTuning(NamedTuple):
     warps: of a block that owns pixels, 4, 8 or 16; 0 for what suits the number of triangles.
     blocks: of kernels whose blocks take work in turns; 0 for as many as the device holds.
     entries: records that a block draws together, 1 to 352, at most 22 for each of its warps.
-    queue: records that may wait; what finds no room is drawn on the spot.
+    queue: records that may wait; what finds no room is drawn on the spot, or last.
     threshold: px of bbox above which a record waits for a block that owns the bin; small ones never do.
     cache: bytes that the device's cache holds; 0 for what the device says.
     """

@@ -1,7 +1,7 @@
 // The variant that "auto" means: blocks own pixels and write each once. How triangles get to the pixels depends on how many there are, which the host knows without asking the device:
 //   few   every block sets up all of them by itself, looks at all of them for each of its patches, and draws these;
-//   some  set-up to records and, for each bin, a list of them; blocks draw their patches from the lists; small triangles last;
-//   many  clear; set-up that draws small triangles at once and puts what is larger into lists; blocks draw these.
+//   some  set-up to records and, for each bin, a list of them; blocks draw their patches from the lists; slivers and small triangles last;
+//   many  clear; set-up that draws small triangles at once and puts what is larger into lists; blocks draw these, and slivers.
 
 #include "direct.cuh"
 #include "launch.cuh"

@@ -26,7 +26,7 @@ struct Tuning {
   int64_t warps = 0;  // of a block that owns a patch of 64 px by 4 px a warp: 4, 8 or 16; 0: 8 for up to 128 triangles, else 16
   int64_t blocks = 0;  // of a kernel whose blocks take work in turns; 0: as many as the device holds at once
   int64_t entries = 352;  // records that a block draws together, at most 22 for each of its warps
-  int64_t queue = 1 << 18;  // records that may wait; what finds no room is drawn on the spot
+  int64_t queue = 1 << 18;  // records that may wait; what finds no room is drawn on the spot, or last
   int64_t threshold = 0;  // px of bbox above which a record waits for a block that owns the bin; small ones (small.cuh) never do
   int64_t cache = 0;  // bytes that the device's cache holds; 0: what the device says
 };

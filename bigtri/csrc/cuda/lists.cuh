@@ -41,6 +41,7 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t 
   w.records = scratch->take<Record>(room);
   w.slivers = nullptr;
   w.all = 0;
+  w.bands = 1;
   w.sizes = scratch->take<uint32_t>(w.bins + Waiting::kCounts) + Waiting::kCounts;
   w.slots = scratch->take<uint32_t>((int64_t)w.bins * w.listed);
   w.wide_boxes = scratch->take<uint32_t>(room);

@@ -253,7 +253,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
     }
     if (kMany && s->together == 0) {  // look at them once for all patches
       unsigned touched = 0;
-      if (kMany && this_thread() < kTurn && s->listed[this_thread()] > 0) touched = 1u << this_thread();
+      if (this_thread() < kTurn && s->listed[this_thread()] > 0) touched = 1u << this_thread();
       find_box<kMany>(candidates, (int)this_thread(), kThreads, s->count, [&](uint32_t box) {
 #pragma unroll
         for (int k = 0; k < kTurn; ++k) touched |= in_box(box, s->patch[k].bin_x(), s->patch[k].bin_y()) ? 1u << k : 0;
