@@ -251,7 +251,10 @@ def scaling(rows: list[Row], out: Path) -> None:
             sides = sorted({int(row["x"]) for row in here})
             axes.set_xticks(sides, [str(side) for side in sides], size=8)
             axes.minorticks_off()
-    handles = [Line2D([], [], color=color_of(name, names), lw=4 if name == "bin_owned" else 1.5, label=name) for name in names]
+    handles = [
+        Line2D([], [], color=color_of(name, names), lw=4 if name == "bin_owned" else 1.5, alpha=0.35 if name == "bin_owned" else 0.95, label=name)
+        for name in names
+    ]
     handles.append(Line2D([], [], color="0.5", lw=0.8, label="memset of the image"))
     figure.legend(handles=handles, frameon=False, ncols=len(handles), loc="upper center", bbox_to_anchor=(0.5, 1.0), fontsize=8.5)
     text = "CUDA graph replay, median, bands: quartiles; upright lines: where another path of bin_owned becomes the fastest"
