@@ -15,6 +15,7 @@ import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import cuda_floor
 import cuda_run
@@ -48,6 +49,12 @@ def color_of(name: str, names: Sequence[str]) -> str:
     """A name's colour; names: all that are in the picture."""
     new = [other for other in names if other not in COLORS]
     return COLORS[name] if name in COLORS else OTHERS[new.index(name) % len(OTHERS)]
+
+
+def line_of(name: str, names: Sequence[str]) -> dict[str, Any]:
+    """How a name's curve is drawn: a broad line below the others for bin_owned, which takes one of its paths."""
+    broad = name == "bin_owned"
+    return {"color": color_of(name, names), "lw": 4 if broad else 1.2, "alpha": 0.35 if broad else 0.95}
 
 
 def short(us: float) -> str:
@@ -184,12 +191,9 @@ def scaling_panel(axes: Axes, here: list[Row], names: list[str]) -> None:
             if not points:
                 continue
             x, us, low, high = zip(*points, strict=True)
-            color, own = color_of(name, names), name == "bin_owned"
-            # bin_owned takes one of its paths: a broad line below theirs
-            axes.plot(
-                x, us, style, color=color, lw=4 if own else 1.2, alpha=0.35 if own else 0.95, marker=None if own else "o", ms=2.5
-            )
-            axes.fill_between(x, low, high, color=color, alpha=0.15, lw=0)
+            line = line_of(name, names)
+            axes.plot(x, us, style, marker=None if name == "bin_owned" else "o", ms=2.5, **line)
+            axes.fill_between(x, low, high, color=line["color"], alpha=0.15, lw=0)
         memset = sorted({(float(row["x"]), float(row["us_memset"])) for row in where(here, kind=kind) if row["us_memset"]})
         if memset:
             axes.plot(*zip(*memset, strict=True), style, color="0.5", lw=0.8)
@@ -251,10 +255,7 @@ def scaling(rows: list[Row], out: Path) -> None:
             sides = sorted({int(row["x"]) for row in here})
             axes.set_xticks(sides, [str(side) for side in sides], size=8)
             axes.minorticks_off()
-    handles = [
-        Line2D([], [], color=color_of(name, names), lw=4 if name == "bin_owned" else 1.5, alpha=0.35 if name == "bin_owned" else 0.95, label=name)
-        for name in names
-    ]
+    handles = [Line2D([], [], label=name, **line_of(name, names)) for name in names]
     handles.append(Line2D([], [], color="0.5", lw=0.8, label="memset of the image"))
     figure.legend(handles=handles, frameon=False, ncols=len(handles), loc="upper center", bbox_to_anchor=(0.5, 1.0), fontsize=8.5)
     text = "CUDA graph replay, median, bands: quartiles; upright lines: where another path of bin_owned becomes the fastest"

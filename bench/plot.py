@@ -125,7 +125,9 @@ def sweeps(rows: list[Row], out: Path) -> None:
             sides = sorted({int(row["x"]) for row in here})
             axes.set_xticks(sides, [str(side) for side in sides], size=8)
             axes.minorticks_off()
-        axes.legend(frameon=False, fontsize=7, ncols=2, handlelength=4, markerscale=0.6, loc="upper center", bbox_to_anchor=(0.5, -0.14))
+        axes.legend(
+            frameon=False, fontsize=7, ncols=2, handlelength=4, markerscale=0.6, loc="upper center", bbox_to_anchor=(0.5, -0.14)
+        )
     panels[0, 0].set_ylabel("ms a frame (log)")
     caption(figure, rows[0])
     save(figure, out / "scaling.png")
