@@ -84,6 +84,15 @@ def same_device(op: str, **arguments: torch.Tensor) -> None:
             raise ValueError(f"bigtri.{op}: {name} must be on {first}'s device, {reference.device}, got {value.device}")
 
 
+def apart(op: str, output_name: str, output: torch.Tensor, **inputs: torch.Tensor) -> None:
+    """Raise RuntimeError where an output shares memory with an input, all contiguous; the extension checks by itself."""
+    begin, end = _extent(output)
+    for name, value in inputs.items():
+        first, last = _extent(value)
+        if begin < last and first < end:
+            raise RuntimeError(f"bigtri.{op}: {output_name} must not share memory with {name}")
+
+
 def on_reference(function: Callable[..., NDArray[Any]], *arguments: Any) -> torch.Tensor:
     """Call a NumPy function on tensors (other arguments pass through); the result is on the first tensor's device."""
     device = next(a.device for a in arguments if isinstance(a, torch.Tensor))
@@ -100,6 +109,11 @@ def like(result: torch.Tensor, given: Array) -> Array: ...
 def like(result: torch.Tensor, given: Array) -> Array:
     """``result`` as NumPy if ``given`` is NumPy."""
     return result.numpy() if isinstance(given, np.ndarray) else result
+
+
+def _extent(value: torch.Tensor) -> tuple[int, int]:
+    """Where a contiguous tensor's memory begins and ends."""
+    return value.data_ptr(), value.data_ptr() + value.numel() * value.element_size()
 
 
 def _short(dtype: torch.dtype) -> str:

@@ -141,6 +141,7 @@ def _draw_reference(
 ) -> None:
     """Draw each of ``views`` [B, V, 4] with the reference into packed [B, H, W], depth [B, H, W] and dropped [B]."""
     check_indices(op, faces, views.shape[1])
+    arrays.apart(op, "packed", packed, positions=views, triangles=faces)
     for b, clip in enumerate(views):
         height, width = packed.shape[1:]
         result, lost = pipeline.rasterize(clip.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box)
