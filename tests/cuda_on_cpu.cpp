@@ -58,7 +58,10 @@ struct Thread {
 Thread threads[kMostThreads];
 uint64_t met[kMostThreads / kWarp][2][kWarp];  // what a warp's lanes brought, last time and the time before: a lane may be one meeting ahead of another
 int sum, current;
-int order = 0;  // of threads between barriers: the first one first, the last one first, or in turns. What depends on it lacks a barrier.
+// Of threads between barriers: the first one first, the last one first, or in turns, each to the next barrier of its warp or block; or a warp as far as it gets before the next one runs, the first
+// or the last warp first. What depends on it lacks a barrier.
+enum Order { kForward, kBackward, kInTurns, kWarpForward, kWarpBackward };
+int order = kForward;
 void* scheduler;
 const std::function<void()>* body;
 const char* kernel = "none";
@@ -129,25 +132,40 @@ bool release_block(int count) {
   return true;
 }
 
+// Runs those of the threads that are ready, each to its next barrier; whether there were any.
+bool run_threads(int first, int count, bool backward) {
+  bool moved = false;
+  for (int n = 0; n < count; ++n) {
+    const int i = first + (backward ? count - 1 - n : n);
+    if (threads[i].state != State::kReady) continue;
+    moved = true;
+    current = i;
+    threadIdx = {(unsigned)i, 0, 0};
+    switch_stack(&scheduler, threads[i].at);
+  }
+  return moved;
+}
+
 void run_block(int count) {
+  const int warps = (count + kWarp - 1) / kWarp;
+  const auto lanes = [&](int warp) { return warp == warps - 1 ? count - warp * kWarp : kWarp; };
   for (int i = 0; i < count; ++i) start(&threads[i]);
   for (int pass = 0;; ++pass) {
     bool moved = false;
-    int done = 0;
-    for (int n = 0; n < count; ++n) {
-      const int i = order == 1 || (order == 2 && pass % 2 == 1) ? count - 1 - n : n;
-      if (threads[i].state == State::kReady) {
-        moved = true;
-        current = i;
-        threadIdx = {(unsigned)i, 0, 0};
-        switch_stack(&scheduler, threads[i].at);
+    if (order == kWarpForward || order == kWarpBackward) {
+      for (int n = 0; n < warps; ++n) {
+        const int warp = order == kWarpBackward ? warps - 1 - n : n;
+        do moved = run_threads(warp * kWarp, lanes(warp), false) || moved;
+        while (release_warp(warp * kWarp, lanes(warp)));
       }
-      done += threads[i].state == State::kDone;
+    } else {
+      moved = run_threads(0, count, order == kBackward || (order == kInTurns && pass % 2 == 1));
+      for (int warp = 0; warp < warps; ++warp) moved = release_warp(warp * kWarp, lanes(warp)) || moved;
     }
+    int done = 0;
+    for (int i = 0; i < count; ++i) done += threads[i].state == State::kDone;
     if (done == count) return;
-    for (int first = 0; first < count; first += kWarp) moved = release_warp(first, count - first < kWarp ? count - first : kWarp) || moved;
-    moved = release_block(count) || moved;
-    if (!moved) fail("not all threads reach a barrier", 0);
+    if (!release_block(count) && !moved) fail("not all threads reach a barrier", 0);
   }
 }
 

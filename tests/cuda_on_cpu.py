@@ -143,14 +143,14 @@ def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.
 def differences(library: ctypes.CDLL, jobs: Iterable[Job]) -> list[str]:
     """What is not as it has to be, a line for each job of which that can be said."""
     found = []
-    for number, job in enumerate(jobs):
-        library.set_order(number % 3)  # of threads: must not matter
+    for job, order in ((j, o) for n, j in enumerate(jobs) for o in (n % 3, 3 + n % 2)):
+        library.set_order(order)  # of threads, and of warps: must not matter
         packed, depth, dropped = draw(library, job)
         depths = int((depth.view(np.int32) != job.depth.view(np.int32)).sum())
         wrong = int((packed != job.packed).sum()), depths, dropped - job.dropped
         if any(wrong):
             how = f"{job.variant}, {dict(job.settings)}, cull {job.cull}, scissor {job.scissor}"
-            found.append(f"{how}: {wrong} values differ")
+            found.append(f"{how}, order {order}: {wrong} values differ")
     return found
 
 

@@ -191,7 +191,7 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks / 2) set_up_record
     const bool have = clip_part(f, (int32_t)(first + lane), &clip[warp], &part);
     const unsigned all = __ballot_sync(kAllLanes, have);
     uint32_t at = 0;
-    if (lane_id() == 0) at = (uint32_t)f.count + atomicAdd(w.count(), (uint32_t)__popc(all));
+    if (lane_id() == 0) at = (uint32_t)f.count + claim(w.count(), w.room - (uint32_t)f.count, (uint32_t)__popc(all));
     at = __shfl_sync(kAllLanes, at, 0);
     const bool room = at + __popc(all) <= w.room;  // for all parts or none
     at += __popc(all & lanes_below());
@@ -290,7 +290,7 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Waiting& w, int
     fill_record(p, triangle, &record, threshold);
     sliver = is_sliver(p);
     waits = sliver || (record.flags & kRecordLarge);
-    if (waits) slot = atomicAdd(sliver ? w.sliver_count() : w.count(), 1u);
+    if (waits) slot = claim(sliver ? w.sliver_count() : w.count(), w.room);
     waits = waits && slot < w.room;
     if (waits) (sliver ? w.slivers : w.records)[slot] = record;
   }

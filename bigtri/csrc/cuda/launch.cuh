@@ -86,6 +86,11 @@ struct Zeros {
   }
 };
 
+// The next n of `room` places, or some beyond them. What is full is not counted on: no number of triangles makes the count wrap.
+__device__ __forceinline__ uint32_t claim(uint32_t* count, uint32_t room, uint32_t n = 1) {
+  return *(volatile uint32_t*)count < room ? atomicAdd(count, n) : room;
+}
+
 // Hands out parts of scratch memory, or with no memory only counts.
 struct Scratch {
   char* memory;

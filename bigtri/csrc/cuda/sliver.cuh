@@ -93,7 +93,7 @@ __device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* reco
 // A sliver's lines in one chunk and band of rows of the image: whatever is rounded here, all bands together have all lines. wide: lines are columns.
 __device__ __forceinline__ Lines lines_of(const Record& r, bool wide, int chunk, int height, int band, int bands) {
   const Lines all = {max_of(chunk * kSliverChunk, wide ? r.x0 : r.y0), min_of((chunk + 1) * kSliverChunk, wide ? r.x1 : r.y1)};
-  if (bands == 1) return all;
+  if (bands == 1 || all.begin >= all.end) return all;
   int a = 0, b = 0;  // its ends
   for (int k = 1; k < 3; ++k) {
     a = r.x[k] < r.x[a] ? k : a;
@@ -211,7 +211,7 @@ __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* recor
     if (one) s->item[atomicAdd(&s->count, 1)] = i;
     __syncthreads();
 #pragma unroll 1
-    while (s->count > 0) {  // the last one first: of the last band
+    for (bool more = true; more;) {  // the last one first: of the last band
       const uint32_t item = s->item[s->count - 1], of_band = item % each();
       if (threadIdx.x < kWords)
         reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] = reinterpret_cast<const uint32_t*>(records + of_band / chunks())[threadIdx.x];
@@ -226,6 +226,7 @@ __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* recor
         draw_sliver<true>(f, s);
       else
         draw_sliver<false>(f, s);
+      more = s->count > 0;  // known to all before a thread leaves and its warp writes something else there
       __syncthreads();
     }
   }

@@ -43,9 +43,9 @@ __device__ __forceinline__ void enqueue(const Frame& f, const Queue& q, const Re
     const unsigned all = __ballot_sync(kAllLanes, kept);
     if (!all) continue;
     uint32_t at = 0;
-    if (lane_id() == 0) at = atomicAdd(&q.counters[kPairCount], (uint32_t)__popc(all));
+    if (lane_id() == 0) at = claim(&q.counters[kPairCount], q.pair_room, (uint32_t)__popc(all));
     at = __shfl_sync(kAllLanes, at, 0) + __popc(all & lanes_below());
-    const bool room = at < q.pair_room;  // the count stays far below 2^32: it grows by a frame's pairs at most
+    const bool room = at < q.pair_room;
     if (kept && room) q.pairs[at] = {slot, (uint16_t)x, (uint16_t)y};
     for (unsigned todo = __ballot_sync(kAllLanes, kept && !room); todo; todo &= todo - 1) {
       const int lane = __ffs(todo) - 1;
@@ -64,7 +64,7 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, int64
     __syncwarp();
     if (lane_id() == lane) {
       *shared = record;
-      if (record.flags & kRecordLarge) slot = atomicAdd(&q.counters[kRecordCount], 1u);
+      if (record.flags & kRecordLarge) slot = claim(&q.counters[kRecordCount], q.record_room);
       if (slot < q.record_room) q.records[slot] = record;
     }
     __syncwarp();
