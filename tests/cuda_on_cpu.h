@@ -23,7 +23,7 @@ extern dim3 blockDim, gridDim;
 extern char* dynamic_shared;  // of the block that runs
 
 // Runs a grid to its end, a block after the other.
-void run_grid(const char* kernel, dim3 grid, dim3 block, size_t shared_bytes, const std::function<void()>& body);
+void run_grid(dim3 grid, dim3 block, size_t shared_bytes, const std::function<void()>& body);
 
 // All lanes of the warp have to come here before one goes on: the values that they brought.
 const uint64_t* warp_values(uint64_t value, const char* file, int line);
@@ -125,7 +125,7 @@ T atomicOr(T* p, V v) {
 
 template <class... Parameters, class... Arguments>
 cudaError_t run_configured(const cudaLaunchConfig_t* c, void (*kernel)(Parameters...), Arguments... arguments) {
-  run_grid("a kernel behind another", c->gridDim, c->blockDim, c->dynamicSmemBytes, [&] { kernel(arguments...); });
+  run_grid(c->gridDim, c->blockDim, c->dynamicSmemBytes, [&] { kernel(arguments...); });
   return cudaSuccess;
 }
 #define cudaLaunchKernelEx run_configured

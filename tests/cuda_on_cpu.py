@@ -34,11 +34,9 @@ VARIANTS = tuple(re.findall(r'\{"(\w+)", ', (CSRC / "cuda/variants.cu").read_tex
 CULLS = {"none": 0, "back": 1, "front": 2}
 
 # What a host compiler has no words for, and what there is instead: everything else is in cuda_on_cpu.h.
-LAUNCH = r"(\w+(?:<kWarps>)?)<<<([^,]+), ([^,]+), ([^,]+), stream>>>\((.*)\);"
 CHANGES = (
     (r"extern __shared__ __align__\(16\) char memory\[\];", "char* memory = dynamic_shared;"),
     (r"__shared__ ", "static "),
-    (LAUNCH, r'run_grid("\1", dim3(\2), dim3(\3), \4, [&] { \1(\5); });'),
     (r'asm volatile\("mov\.u32 %0, %%tid\.x;".*', "i = threadIdx.x;"),
     (r'asm volatile\("st\.global\.cs\.v2.*', "if ((uintptr_t)to & 15) abort(); to[0] = a; to[1] = b;"),
     (r'asm volatile\("prefetch\.global\.L1.*', "(void)*static_cast<const volatile char*>(from);"),

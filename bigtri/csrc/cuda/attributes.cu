@@ -6,6 +6,7 @@
 
 #include "../core/attributes.h"
 #include "../core/shading.h"
+#include "launch.cuh"
 #include "setup.cuh"
 
 namespace bigtri {
@@ -250,7 +251,7 @@ __global__ void __launch_bounds__(kThreads)
 }
 
 // Blocks for `count` things at `each` a block; more than a grid can have take turns. At least one.
-unsigned grid(int64_t count, int64_t each) { return (unsigned)max_of<int64_t>(1, min_of<int64_t>((count - 1) / each + 1, INT32_MAX)); }
+int64_t grid(int64_t count, int64_t each) { return max_of<int64_t>(1, min_of<int64_t>((count - 1) / each + 1, INT32_MAX)); }
 
 }  // namespace
 
@@ -258,28 +259,24 @@ int64_t interpolation_scratch(int64_t batch, int64_t height, int64_t width) { re
 
 cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream) {
   const int64_t groups = groups_of(job.height, job.width) * job.batch;
-  interpolate_whole<<<grid(groups, kWholeWarps), kWholeWarps * kWarp, 0, stream>>>(job);
-  interpolate_clipped<<<grid(groups, kClippedWarps * kRun), kClippedWarps * kWarp, 0, stream>>>(job);
-  return cudaGetLastError();
+  BIGTRI_CUDA(launch_first(interpolate_whole, grid(groups, kWholeWarps), kWholeWarps * kWarp, 0, stream, job));
+  return launch_first(interpolate_clipped, grid(groups, kClippedWarps * kRun), kClippedWarps * kWarp, 0, stream, job);
 }
 
 cudaError_t sample_cuda(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter, Wrap wrap, float* out,
                         cudaStream_t stream) {
-  sample_texels<<<grid(count, kThreads), kThreads, 0, stream>>>(texture, height, width, channels, uv, count, filter, wrap, out);
-  return cudaGetLastError();
+  return launch_first(sample_texels, grid(count, kThreads), kThreads, 0, stream, texture, height, width, channels, uv, count, filter, wrap, out);
 }
 
 cudaError_t lambert_cuda(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights,
                          int64_t count, float* out, cudaStream_t stream) {
-  light_points<<<grid(count, kThreads), kThreads, 0, stream>>>(normals, albedo, ambient, directions, colors, lights, count, out);
-  return cudaGetLastError();
+  return launch_first(light_points, grid(count, kThreads), kThreads, 0, stream, normals, albedo, ambient, directions, colors, lights, count, out);
 }
 
 cudaError_t encode_srgb_cuda(const float* linear, const float* thresholds, int64_t count, uint8_t* out, cudaStream_t stream) {
   Thresholds by_value;
   for (int k = 0; k < 255; ++k) by_value.value[k] = thresholds[k];
-  encode_numbers<<<grid(count, kThreads * kEncodedByThread), kThreads, 0, stream>>>(linear, by_value, count, out);
-  return cudaGetLastError();
+  return launch_first(encode_numbers, grid(count, kThreads * kEncodedByThread), kThreads, 0, stream, linear, by_value, count, out);
 }
 
 }  // namespace bigtri

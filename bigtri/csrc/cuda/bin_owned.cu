@@ -132,8 +132,7 @@ template <int kWarps>
 cudaError_t launch_few(const Frame& f, const Tuning& t, cudaStream_t stream) {
   int blocks;
   BIGTRI_CUDA(blocks_for(draw_few<kWarps>, kWarps * kWarp, sizeof(FewShared<kWarps>), Patch<kWarps>::count(f.view), t, &blocks));
-  draw_few<kWarps><<<blocks, kWarps * kWarp, sizeof(FewShared<kWarps>), stream>>>(f, (int)t.entries);
-  return cudaGetLastError();
+  return launch_first(draw_few<kWarps>, blocks, kWarps * kWarp, sizeof(FewShared<kWarps>), stream, f, (int)t.entries);
 }
 
 // --- some
@@ -251,10 +250,9 @@ cudaError_t launch_some(const Frame& f, const Tuning& t, void* memory, cudaStrea
   int share;
   int64_t blocks;
   const Zeros zeros = s.waiting.zeros();
-  clear_lists<<<(zeros.count + kZeroThreads - 1) / kZeroThreads, kZeroThreads, 0, stream>>>(f, zeros);
-  BIGTRI_CUDA(cudaGetLastError());
+  BIGTRI_CUDA(launch_first(clear_lists, (zeros.count + kZeroThreads - 1) / kZeroThreads, kZeroThreads, 0, stream, f, zeros));
   BIGTRI_CUDA(share_triangles(set_up_records, kShareThreads, f.count, &share, &blocks));
-  if (blocks > 0) BIGTRI_CUDA(launch_next(set_up_records, blocks, kShareThreads, 0, stream, f, s, share));
+  BIGTRI_CUDA(launch_next(set_up_records, blocks, kShareThreads, 0, stream, f, s, share));
   Frame undrawn = f;
   undrawn.depth = nullptr;  // slivers and small triangles are still to come
   BIGTRI_CUDA((launch_listed<kWarps, Output::kWrite>(undrawn, s.waiting, t, stream)));
@@ -317,7 +315,7 @@ cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStrea
   int share;
   int64_t blocks;
   BIGTRI_CUDA(share_triangles(draw_many, kShareThreads, f.count, &share, &blocks));
-  if (blocks > 0) BIGTRI_CUDA(launch_next(draw_many, blocks, kShareThreads, 0, stream, f, m, t.threshold, share));
+  BIGTRI_CUDA(launch_next(draw_many, blocks, kShareThreads, 0, stream, f, m, t.threshold, share));
   BIGTRI_CUDA((launch_listed<kWarps, Output::kMerge>(f, m.waiting, t, stream)));
   return launch_depth(f, t, stream);
 }

@@ -114,8 +114,7 @@ Vertex* take_projected(Scratch* scratch, const Frame& f) {
 cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, cudaStream_t stream) {
   const int64_t clearing = ((int64_t)f.view.width * f.view.height + kClearPixels - 1) / kClearPixels;
   const int64_t projecting = projected ? (f.vertices + kProjectVertices - 1) / kProjectVertices : 0;
-  clear_frame<<<(unsigned)(projecting + clearing), kClearThreads, 0, stream>>>(f, projected, (int)projecting, zeros);
-  return cudaGetLastError();
+  return launch_first(clear_frame, projecting + clearing, kClearThreads, 0, stream, f, projected, (int)projecting, zeros);
 }
 
 // Its last one, where a depth image is wanted.

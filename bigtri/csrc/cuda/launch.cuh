@@ -45,7 +45,8 @@ cudaError_t blocks_for(Kernel kernel, int threads, int64_t shared_bytes, int64_t
 }
 
 // A kernel of a frame begins while the one in front of it still ends: it may not touch what that one writes before wait_for_previous(), which every kernel but a frame's first calls, so that
-// none can overtake the one before last either.
+// none can overtake the one before last either. What the one before last has written it may read at once if the one in front lets it begin only after having waited itself: then that was complete
+// in memory before.
 __device__ __forceinline__ void wait_for_previous() {
 #if __CUDA_ARCH__ >= 900
   cudaGridDependencySynchronize();
@@ -57,22 +58,44 @@ __device__ __forceinline__ void let_next_begin() {
 #endif
 }
 
-// Launches a kernel behind another of the same frame.
+// Launches a kernel, with an attribute or none, and answers for this launch; cudaGetLastError might tell of an older one of the caller's.
 template <class... Parameters, class... Arguments>
-cudaError_t launch_next(void (*kernel)(Parameters...), int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
-  bool overlap;
-  BIGTRI_CUDA(overlaps_launches(reinterpret_cast<const void*>(kernel), &overlap));
-  cudaLaunchAttribute attribute = {};
-  attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
-  attribute.val.programmaticStreamSerializationAllowed = 1;
+cudaError_t launch_with(cudaLaunchAttribute* attribute, void (*kernel)(Parameters...), int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
+                        const Arguments&... arguments) {
   cudaLaunchConfig_t config = {};
   config.gridDim = dim3((unsigned)blocks);
   config.blockDim = dim3((unsigned)threads);
   config.dynamicSmemBytes = (size_t)shared_bytes;
   config.stream = stream;
-  config.attrs = &attribute;
-  config.numAttrs = overlap ? 1 : 0;
+  config.attrs = attribute;
+  config.numAttrs = attribute ? 1 : 0;
   return cudaLaunchKernelEx(&config, kernel, Parameters(arguments)...);
+}
+
+// After all that is in the stream.
+template <class Kernel, class... Arguments>
+cudaError_t launch_first(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
+  return launch_with(nullptr, kernel, blocks, threads, shared_bytes, stream, arguments...);
+}
+
+// Behind another kernel of the same frame.
+template <class Kernel, class... Arguments>
+cudaError_t launch_next(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
+  bool overlap;
+  BIGTRI_CUDA(overlaps_launches(reinterpret_cast<const void*>(kernel), &overlap));
+  cudaLaunchAttribute attribute = {};
+  attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
+  attribute.val.programmaticStreamSerializationAllowed = 1;
+  return launch_with(overlap ? &attribute : nullptr, kernel, blocks, threads, shared_bytes, stream, arguments...);
+}
+
+// All blocks at once, so that they may wait for each other; an error where they do not fit.
+template <class Kernel, class... Arguments>
+cudaError_t launch_together(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
+  cudaLaunchAttribute attribute = {};
+  attribute.id = cudaLaunchAttributeCooperative;
+  attribute.val.cooperative = 1;
+  return launch_with(&attribute, kernel, blocks, threads, shared_bytes, stream, arguments...);
 }
 
 // Numbers that a frame's first kernel sets to zero.

@@ -283,17 +283,7 @@ cudaError_t draw_persistent(const Frame& f, const Tuning& t, void* memory, cudaS
   int blocks;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(stay_and_draw), kThreads, sizeof(Shared), &blocks));
   if (t.blocks > 0) blocks = min_of(blocks, (int)t.blocks);  // all of them have to be resident
-  cudaLaunchAttribute attribute = {};
-  attribute.id = cudaLaunchAttributeCooperative;
-  attribute.val.cooperative = 1;
-  cudaLaunchConfig_t config = {};
-  config.gridDim = dim3((unsigned)blocks);
-  config.blockDim = dim3(kThreads);
-  config.dynamicSmemBytes = sizeof(Shared);
-  config.stream = stream;
-  config.attrs = &attribute;
-  config.numAttrs = 1;
-  BIGTRI_CUDA(cudaLaunchKernelEx(&config, stay_and_draw, f, job));
+  BIGTRI_CUDA(launch_together(stay_and_draw, blocks, kThreads, sizeof(Shared), stream, f, job));
   return launch_depth(f, t, stream);
 }
 

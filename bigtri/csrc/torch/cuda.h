@@ -21,6 +21,7 @@ inline Tensor empty_on(int device, int64_t bytes) {
 }
 
 inline void check_launch(const char* op, cudaError_t error) {
+  if (error != cudaSuccess) cudaGetLastError();  // said here; else torch's next check would say it again, of another kernel
   BIGTRI_CHECK(error == cudaSuccess, "bigtri::", op, ": the CUDA device answered '", cudaGetErrorString(error), "'");
 }
 
