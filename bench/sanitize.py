@@ -66,12 +66,14 @@ def pictures(width: int, height: int) -> dict[str, scenes.Scene]:
     rng = np.random.default_rng(5)
     ends = rng.uniform([0, 0], [width, height], (40, 2, 2))
     thin = np.concatenate([ends, ends[:, 1:] + rng.uniform(-1.5, 1.5, (40, 1, 2))], axis=1)
+    slivers, mesh = scenes.soup(thin, scenes.tilted(rng, 40, 0.02)), scenes.small_mesh(3000, width, height, 4)
     return {
         "large": in_pixels(scenes.large(20, width, height, 1, area=(300, 4000))),
         "very large": in_pixels(scenes.very_large(12, width, height, 2)),
         "full screens": in_pixels(scenes.full_screen(9, width, height, 3, back_to_front=True)),
-        "mesh": in_pixels(scenes.small_mesh(3000, width, height, 4)),
-        "slivers": in_pixels(scenes.soup(thin, scenes.tilted(rng, 40, 0.02))),
+        "mesh": in_pixels(mesh),
+        "slivers": in_pixels(slivers),
+        "slivers and mesh": in_pixels(scenes.joined(slivers, mesh)),
         "clipped": clip_space(6, 60, (-1, 1.5)),
         "clipped by far planes": clip_space(7, 300, (0.2, 0.6)),
         "bad values": bad_values(clip_space(8, 30, (0.5, 2))),

@@ -278,6 +278,17 @@ def long_slivers(rng: np.random.Generator) -> Case:
     return from_pixels(xy, rng.uniform(0.02, 1.05, (count, 3)), (size, size))
 
 
+def slivers_across(rng: np.random.Generator) -> Case:
+    """As long as the widest image there is, and shorter: in several parts, of which some are empty."""
+    height, width, count = 9, 16384, 300
+    length = 10 ** rng.uniform(2, 4.5, (count, 1))
+    middle = rng.uniform([0, 0], [width, height], (count, 2))
+    along = np.concatenate([length, rng.uniform(-9, 9, (count, 1))], axis=1)
+    upright = np.concatenate([np.zeros((count, 1)), rng.uniform(1 / 256, 4, (count, 1))], axis=1)
+    xy = np.stack([middle - along / 2, middle + along / 2, middle - along / 2 + upright], axis=1)
+    return from_pixels(xy, rng.uniform(0.1, 0.9, (count, 3)), (height, width))
+
+
 def steep_ends(rng: np.random.Generator) -> Case:
     """Slivers, none behind another, whose short edge passes pixel centres by less than a pixel in 256 lines.
 
@@ -401,6 +412,7 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
         mesh_of_small,
         small_by_the_screen,
         long_slivers,
+        slivers_across,
         steep_ends,
         clipped_fans,
         hundreds_in_a_bin,

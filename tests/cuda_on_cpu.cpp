@@ -68,8 +68,8 @@ int kernel;  // how many the frame has had
 
 [[noreturn]] void fail(const char* what, int thread) {
   const Thread& t = threads[thread];
-  fprintf(stderr, "cuda_on_cpu: %s: kernel %d of the frame, block %u of %u, thread %d of %u, at %s:%d\n", what, kernel, blockIdx.x, gridDim.x, thread, blockDim.x,
-          t.file ? t.file : "its start", t.line);
+  fprintf(stderr, "cuda_on_cpu: %s: kernel %d of the frame, block %u of %u, thread %d of %u, at %s:%d\n", what, kernel, blockIdx.x, gridDim.x, thread,
+          blockDim.x, t.file ? t.file : "its start", t.line);
   _exit(2);
 }
 

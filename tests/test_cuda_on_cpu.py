@@ -42,6 +42,7 @@ ODD = (
     "hundreds_in_a_bin",
     "hundreds_in_a_list",
     "long_slivers",
+    "slivers_across",
     "small_on_cells",
     "mixed",
 )
@@ -135,10 +136,11 @@ def test_nothing_to_draw(variant: str) -> None:
         ("persistent.cu", "WarpOwn warp[kWarps];", "WarpOwn warp[kWarps / kWarps];", "cuda_on_cpu: "),
         ("patch.cuh", "if (k == 0) {", "if (k == 0) { __syncthreads();", "cuda_on_cpu: "),
         ("bin_owned.cu", "blockIdx.x);\n  __syncthreads();\n  Fate", "blockIdx.x);\n  Fate", "values differ"),
+        ("sliver.cuh", "for (bool more = true; more;)", "for (bool more = true; more; more = s->count > 0)", "cuda_on_cpu: "),
     ],
 )
 def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path: Path) -> None:
-    """A formula, memory, a barrier that not all reach, one that is not there."""
+    """A formula, memory, a barrier that not all reach, one that is not there, what one warp reads after another has gone on."""
     library = cuda_on_cpu.build(tmp_path / "build", (file, old, new))
     drawn = [("mixed", "bin_owned"), ("mixed", "persistent"), ("layers", "bin_owned")]
     jobs = [job(case_of(name), variant, {"queue": 1}) for name, variant in drawn]
