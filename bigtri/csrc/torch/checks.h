@@ -1,11 +1,13 @@
 // Argument checks that name the argument, what came and what is allowed.
 #pragma once
 
+#include <torch/csrc/inductor/aoti_torch/c/shim.h>
 #include <torch/csrc/stable/library.h>
 #include <torch/csrc/stable/ops.h>
 #include <torch/csrc/stable/tensor.h>
 #include <torch/headeronly/core/ScalarType.h>
 
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -21,6 +23,11 @@ using torch::stable::Tensor;
 // those of the library that torch has loaded, and printing a number crashes.
 inline std::string text_of(const char* v) { return v; }
 inline std::string text_of(const std::string& v) { return v; }
+inline std::string text_of(const std::vector<int64_t>& shape) {
+  std::string s;
+  for (const int64_t size : shape) s += (s.empty() ? "[" : ", ") + std::to_string(size);
+  return s.empty() ? "[]" : s + "]";
+}
 template <class Number>
 std::string text_of(Number v) {
   return std::to_string(v);
@@ -35,15 +42,39 @@ template <class... Parts>
 #define BIGTRI_CHECK(CONDITION, ...) \
   if (!(CONDITION)) fail(__VA_ARGS__)
 
+// None where the stable ABI does not know it.
+inline std::optional<ScalarType> type_of(const Tensor& t) {
+  try {
+    return t.scalar_type();
+  } catch (const std::exception&) {
+    return std::nullopt;
+  }
+}
+
+// A storage can be made smaller than its tensors. For contiguous ones.
+inline bool has_memory(const Tensor& t) {
+  int64_t bytes = 0;
+  TORCH_ERROR_CODE_CHECK(aoti_torch_get_storage_size(t.get(), &bytes));
+  return t.numel() == 0 || t.storage_offset() + t.numel() <= bytes / (int64_t)t.element_size();
+}
+
+inline std::vector<int64_t> shape_of(const Tensor& t) {
+  const auto sizes = t.sizes();
+  return {sizes.begin(), sizes.end()};
+}
+
 inline std::string describe(const Tensor& t) {
   if (!t.defined()) return "None";
-  std::string s = std::string(torch::headeronly::toString(t.scalar_type())) + " [";
-  for (int64_t i = 0; i < t.dim(); ++i) s += (i ? ", " : "") + std::to_string(t.size(i));
-  return s + "]" + (t.is_cpu() ? " on the CPU" : " on device " + std::to_string(t.get_device_index())) + (t.is_contiguous() ? "" : ", not contiguous");
+  const auto type = type_of(t);
+  return std::string(type ? torch::headeronly::toString(*type) : "another dtype") + " " + text_of(shape_of(t)) +
+         (t.is_cpu() ? " on the CPU" : " on device " + std::to_string(t.get_device_index())) +
+         (!t.is_contiguous()       ? ", not contiguous"
+          : type && !has_memory(t) ? ", without memory for all of it"
+                                   : "");
 }
 
 inline bool fits(const Tensor& t, ScalarType type, const std::vector<int64_t>& shape) {
-  bool ok = t.scalar_type() == type && t.is_contiguous() && t.dim() == (int64_t)shape.size();
+  bool ok = type_of(t) == type && t.is_contiguous() && has_memory(t) && t.dim() == (int64_t)shape.size();
   for (size_t i = 0; ok && i < shape.size(); ++i) ok = shape[i] < 0 || t.size((int64_t)i) == shape[i];
   return ok;
 }
@@ -68,11 +99,6 @@ inline void check_on(const char* op, const char* name, const Tensor& t, int devi
     check(op, name, t, type, shape, wanted);
   else
     check_cuda(op, name, t, device, type, shape, wanted);
-}
-
-inline std::vector<int64_t> shape_of(const Tensor& t) {
-  const auto sizes = t.sizes();
-  return {sizes.begin(), sizes.end()};
 }
 
 inline void check_size(const char* op, int64_t height, int64_t width) {
@@ -103,11 +129,15 @@ const T* const_data(const Tensor& t) {
 inline Tensor empty(const std::vector<int64_t>& shape, ScalarType type, int device = kCpu) {
   using torch::headeronly::DeviceType;
   const torch::stable::Device place(device == kCpu ? DeviceType::CPU : DeviceType::CUDA, (torch::stable::DeviceIndex)device);
-  return torch::stable::empty(shape, type, std::nullopt, place);
+  try {
+    return torch::stable::empty(shape, type, std::nullopt, place);
+  } catch (const std::exception&) {  // its text says where torch was built
+    fail("bigtri: no memory for a tensor ", torch::headeronly::toString(type), " ", shape);
+  }
 }
 
-// As many threads as torch uses (torch.set_num_threads), from a pool of our own.
-inline Parallel torch_threads() { return {(int)torch::stable::get_num_threads()}; }
+// As many threads as torch uses (torch.set_num_threads), from a pool of our own; no more than the largest machines have, since each has memory of its own.
+inline Parallel torch_threads() { return {(int)min_of<int64_t>(torch::stable::get_num_threads(), 1024)}; }
 
 inline Viewport viewport(const char* op, int64_t height, int64_t width, const std::string& cull, const std::vector<int64_t>& scissor) {
   check_size(op, height, width);

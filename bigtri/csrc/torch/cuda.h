@@ -15,11 +15,6 @@ inline cudaStream_t current_stream(int device) {
   return static_cast<cudaStream_t>(stream);
 }
 
-inline Tensor empty_on(int device, int64_t bytes) {
-  return torch::stable::empty({bytes}, ScalarType::Byte, std::nullopt,
-                              torch::stable::Device(torch::headeronly::DeviceType::CUDA, (torch::stable::DeviceIndex)device));
-}
-
 inline void check_launch(const char* op, cudaError_t error) {
   if (error != cudaSuccess) cudaGetLastError();  // said here; else torch's next check would say it again, of another kernel
   BIGTRI_CHECK(error == cudaSuccess, "bigtri::", op, ": the CUDA device answered '", cudaGetErrorString(error), "'");

@@ -25,7 +25,7 @@ Tensor interpolate_pixels(const char* op, int device, const Tensor& packed, cons
   job.channels = attributes ? attributes->size(2) : 3;
   Tensor out = empty({job.batch, packed.size(1), packed.size(2), job.channels}, ScalarType::Float, device);
   if (out.numel() == 0) return out;
-  const Tensor scratch = empty_on(device, interpolation_scratch(job.batch, job.height, job.width));
+  const Tensor scratch = empty({interpolation_scratch(job.batch, job.height, job.width)}, ScalarType::Byte, device);
   job.packed = const_data<int64_t>(packed);
   job.positions = const_data<float>(positions);
   job.triangles = const_data<int32_t>(triangles);

@@ -32,7 +32,7 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   const cudaStream_t stream = current_stream(device);
   const Tuning settings = tuning();
   // One view after the other on one stream, so one scratch memory serves them all.
-  const Tensor scratch = empty_on(device, chosen->scratch_bytes(frame, settings));
+  const Tensor scratch = empty({chosen->scratch_bytes(frame, settings)}, ScalarType::Byte, device);
   for (int64_t b = 0; b < batch; ++b) {
     frame.positions = const_data<float>(positions) + b * vertices * 4;
     frame.packed = data<int64_t>(packed) + b * height * width;
