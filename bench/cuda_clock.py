@@ -12,16 +12,14 @@ never in it. It does contain what starting a graph or a kernel costs the GPU.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import os
 import platform
 import re
 import subprocess
 import time
-from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Iterable
+from typing import NamedTuple, Protocol
 
 import torch
 
@@ -35,6 +33,7 @@ SLOW_REPEATS = 5
 EVICT = 256 << 20  # bytes: several times any L2 cache
 CYCLES = 2000  # of a GPU's clock in a microsecond, at most; only for the waiting kernel
 POISON = 0x1234_5678_9ABC_DEF0  # what the image holds before it is checked
+DIGITS = 3  # after the point, of the microseconds in a CSV
 
 Call = Callable[[], object]
 
@@ -225,24 +224,6 @@ class Row:
     cuda: str
     commit: str
     command: str
-
-
-def write_csv(path: str | Path, rows: Sequence[Any]) -> None:
-    """Writes rows, dataclasses of one kind, under a header, in place of what the file held."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        if rows:
-            writer.writerow([field.name for field in dataclasses.fields(rows[0])])
-        for row in rows:
-            values = dataclasses.astuple(row)
-            writer.writerow(["" if v is None else f"{v:.3f}" if isinstance(v, float) else v for v in values])
-
-
-def read_csv(path: str | Path) -> list[dict[str, str]]:
-    with Path(path).open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def text_of(us: float | None) -> str:

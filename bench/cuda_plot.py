@@ -23,9 +23,10 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from plot import Row, distinct, read, where
+from plot import Row, distinct, save, where
 
 from bigtri import scenes
+from bigtri.benchmark import read_csv
 
 # colours apart for the colour-blind too (Okabe and Ito)
 COLORS = {
@@ -80,10 +81,10 @@ def bars_of(rows: list[Row], width: str, height: str) -> dict[str, dict[str, tup
     """By name and scene (median, p25, p75) in us: the floor, bigtri's variants, other rasterizers; rows: of one size and seed."""
     found: dict[str, dict[str, tuple[float, float, float]]] = {}
     for row in where(rows, method="graph"):
-        us = (float(row["us_median"]), float(row["us_p25"]), float(row["us_p75"]))
+        timing = (float(row["us_median"]), float(row["us_p25"]), float(row["us_p75"]))
         name = "floor" if row["variant"] in cuda_floor.KINDS else row["variant"]
         mine = found.setdefault(name, {})
-        mine[row["scene"]] = min(us, mine.get(row["scene"], us))  # the faster of the two floors
+        mine[row["scene"]] = min(timing, mine.get(row["scene"], timing))  # the faster of the two floors
     for (peer, scene, w, h), us in cuda_run.read_peers().items():
         if peer in PEERS and (str(w), str(h)) == (width, height) and any(scene == row["scene"] for row in rows):
             found.setdefault(peer, {})[scene] = (us, us, us)
@@ -146,7 +147,7 @@ def crossovers(x: Sequence[float], us: dict[str, Sequence[float | None]]) -> lis
     best: str | None = None
     last: int | None = None  # the point before
     for i in range(len(x)):
-        there = {name: times[i] for name, times in us.items() if times[i] is not None}
+        there = {name: now for name, times in us.items() if (now := times[i]) is not None}
         if not there:
             continue
         fastest = min(there, key=there.__getitem__)
@@ -155,8 +156,9 @@ def crossovers(x: Sequence[float], us: dict[str, Sequence[float | None]]) -> lis
         elif fastest != best and (best not in there or there[best] > FASTER * there[fastest]):
             before = x[last] if last is not None else x[i]
             at = math.sqrt(before * x[i])
-            if last is not None and best in there and us[best][last] is not None and us[fastest][last] is not None:
-                a, b = math.log(us[best][last] / us[fastest][last]), math.log(there[best] / there[fastest])
+            was, other = (None, None) if last is None else (us[best][last], us[fastest][last])
+            if best in there and was is not None and other is not None:
+                a, b = math.log(was / other), math.log(there[best] / there[fastest])
                 if a < 0 < b:
                     at = before * (x[i] / before) ** (-a / (b - a))
             changes.append((at, best, fastest))
@@ -180,7 +182,7 @@ def name_of(row: Row) -> str:
 
 def curve(rows: Iterable[Row]) -> list[tuple[float, float, float, float]]:
     """(x, median, p25, p75) with rising x."""
-    return sorted((float(row["x"]), *(float(row[field]) for field in ("us_median", "us_p25", "us_p75"))) for row in rows)
+    return sorted((float(row["x"]), float(row["us_median"]), float(row["us_p25"]), float(row["us_p75"])) for row in rows)
 
 
 def scaling_panel(axes: Axes, here: list[Row], names: list[str]) -> None:
@@ -206,14 +208,15 @@ def scaling_panel(axes: Axes, here: list[Row], names: list[str]) -> None:
 
 def mark_crossovers(axes: Axes, here: list[Row]) -> None:
     """A line and a label where another of bin_owned's paths becomes the fastest, for each kind."""
-    height, marked = 0.02, []
+    height = 0.02
+    marked: list[tuple[float, str, str]] = []
     for style, (kind,) in zip(STYLES, distinct(here, "kind"), strict=False):
         mine = where(here, kind=kind)
         x = sorted({float(row["x"]) for row in mine})
         at = {(name_of(row), float(row["x"])): float(row["us_median"]) for row in mine}
         changes = crossovers(x, {name: [at.get((name, value)) for value in x] for name in PATHS})
         for value, before, after in changes:
-            if any(change == [before, after] and abs(math.log(value / other)) < 0.15 for other, *change in marked):
+            if any((b, a) == (before, after) and abs(math.log(value / other)) < 0.15 for other, b, a in marked):
                 continue  # the same as for another kind
             marked.append((value, before, after))
             axes.axvline(value, color="0.35", ls=style, lw=0.8)
@@ -303,15 +306,6 @@ def caption(figure: plt.Figure, rows: list[Row], how: str) -> None:
     figure.text(0.01, 0.005, text, size=6.5, color="0.4")
 
 
-def save(figure: plt.Figure, path: Path, top: float = 1) -> None:
-    """top: how far up the panels may reach, of the figure's height."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.tight_layout(rect=(0, 0.02, 1, top))
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-    print(path)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument(
@@ -323,9 +317,9 @@ def main() -> None:
     if not (arguments.run or arguments.scaling):
         parser.error("--run, --scaling or both")
     if arguments.run:
-        scene_bars([row for file in arguments.run for row in read(file)], arguments.out)
+        scene_bars([row for file in arguments.run for row in read_csv(file)], arguments.out)
     if arguments.scaling:
-        rows = read(arguments.scaling)
+        rows = read_csv(arguments.scaling)
         scaling(rows, arguments.out)
         threshold(rows, arguments.out)
 

@@ -18,7 +18,8 @@ from __future__ import annotations
 import argparse
 import statistics
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
 import cuda_clock
@@ -34,31 +35,50 @@ PEERS = Path(__file__).parent / "results" / "h200_peers.csv"
 YARDSTICKS = ("memset", "empty kernel", *cuda_floor.KINDS)
 
 
-class Case:
-    """A scene of one size: its tensors, the image, and what the image has to be."""
+class Target:
+    """A scene's tensors on a device, and the image that it is drawn into."""
 
-    def __init__(self, name: str, width: int, height: int, seed: int, scene: scenes.Scene, device: torch.device) -> None:
-        self.name, self.width, self.height, self.seed, self.scene = name, width, height, seed, scene
-        on_cpu = [torch.from_numpy(array) for array in scene]
-        self.positions, self.triangles = (tensor.to(device) for tensor in on_cpu)
-        self.expected = bigtri.rasterize(*on_cpu, (height, width), backend="native", depth=False).packed.to(device)
-        self.packed = torch.empty_like(self.expected)
+    def __init__(self, scene: scenes.Scene, size: tuple[int, int], device: torch.device) -> None:
+        self.scene, self.size = scene, size  # height, width
+        self.positions = torch.from_numpy(scene.positions).to(device)
+        self.triangles = torch.from_numpy(scene.triangles).to(device)
+        self.packed = torch.empty(size, dtype=torch.int64, device=device)
+
+    def from_cpu(self) -> torch.Tensor:
+        """The image as the CPU draws it, on the device."""
+        on_cpu = torch.from_numpy(self.scene.positions), torch.from_numpy(self.scene.triangles)
+        return torch.as_tensor(bigtri.rasterize(*on_cpu, self.size, backend="native", depth=False).packed).to(self.packed.device)
 
     def draw(self, variant: str) -> None:
-        size = (self.height, self.width)
-        bigtri.rasterize(self.positions, self.triangles, size, depth=False, out=self.packed, variant=variant)
+        bigtri.rasterize(self.positions, self.triangles, self.size, depth=False, out=self.packed, variant=variant)
 
-    def wrong_pixels(self, draw: Call) -> int:
-        """Pixels of the image that `draw` makes, on a poisoned one, whose bits are not the CPU's."""
+    def poisoned(self, draw: Call) -> torch.Tensor:
+        """The image after `draw`, which has nothing of an earlier one's to show."""
         self.packed.fill_(cuda_clock.POISON)
         draw()
-        return int((self.packed != self.expected).sum())
+        return self.packed
+
+
+def differing(a: torch.Tensor, b: torch.Tensor) -> int:
+    """Pixels that differ; in strips, since the comparison needs memory too."""
+    return sum(int((x != y).sum()) for x, y in zip(a.split(4096), b.split(4096), strict=True))
+
+
+class Case(Target):
+    """A scene of one size, and what its image has to be."""
+
+    def __init__(self, name: str, width: int, height: int, seed: int, scene: scenes.Scene, device: torch.device) -> None:
+        super().__init__(scene, (height, width), device)
+        self.name, self.width, self.height, self.seed = name, width, height, seed
+        self.expected = self.from_cpu()
+
+    def wrong_pixels(self, draw: Call) -> int:
+        """Pixels of the image that `draw` makes whose bits are not the CPU's."""
+        return differing(self.poisoned(draw), self.expected)
 
     def wrong_triangles(self, draw: Call) -> int:
         """Pixels that show another triangle than the CPU's: a floor has its depth in float32."""
-        self.packed.fill_(cuda_clock.POISON)
-        draw()
-        return int(((self.packed ^ self.expected) & 0xFFFFFFFF != 0).sum())
+        return int(((self.poisoned(draw) ^ self.expected) & 0xFFFFFFFF != 0).sum())
 
 
 class Bench:
@@ -74,7 +94,7 @@ class Bench:
         if self.floor:
             self.yardsticks(case, self.floor)
         for variant in variants:
-            self.measure(case, variant, lambda variant=variant: case.draw(variant), case.wrong_pixels)
+            self.measure(case, variant, partial(case.draw, variant), case.wrong_pixels)
 
     def yardsticks(self, case: Case, floor: cuda_floor.Floor) -> None:
         self.measure(case, "memset", lambda: floor.memset(case.packed))
@@ -83,9 +103,10 @@ class Bench:
         if lists is None:
             return
         for kind in cuda_floor.KINDS:
-            self.measure(case, kind, lambda kind=kind: floor.fill(kind, lists, case.packed), case.wrong_triangles)
+            self.measure(case, kind, partial(floor.fill, kind, lists, case.packed), case.wrong_triangles)
 
-    def measure(self, case: Case, variant: str, call: Call, wrong=None) -> None:
+    def measure(self, case: Case, variant: str, call: Call, wrong: Callable[[Call], int] | None = None) -> None:
+        """Times `call` by every method; `wrong` counts the pixels that are wrong in the image that a call draws."""
         for method in self.methods:
             try:
                 us, again = self.clock.measure(call, method, self.seconds)
@@ -152,7 +173,7 @@ def read_peers(path: Path = PEERS) -> dict[tuple[str, str, int, int], float]:
     """Microseconds by (peer, scene, width, height); empty without the file."""
     if not path.exists():
         return {}
-    rows = cuda_clock.read_csv(path)
+    rows = benchmark.read_csv(path)
     return {(row["peer"], row["scene"], int(row["width"]), int(row["height"])): float(row["us"]) for row in rows}
 
 
@@ -236,7 +257,7 @@ def kernel_pass(cases: list[tuple[str, int, int, int]], variants: list[str], dev
     for name, width, height, seed in cases:
         case = Case(name, width, height, seed, scenes.make(name, width, height, seed), device)
         for variant in variants:
-            spent = cuda_clock.kernels(lambda variant=variant, case=case: case.draw(variant))
+            spent = cuda_clock.kernels(partial(case.draw, variant))
             print(f"{name:8} {f'{width}x{height}':>10} {variant:14} {text_of(sum(spent.values())):>9} us in kernels: ", end="")
             print("; ".join(f"{kernel} {text_of(us)}" for kernel, us in spent.items()), flush=True)
             lines += [f'{name},{width},{height},{seed},{variant},"{kernel}",{us:.3f}' for kernel, us in spent.items()]
@@ -251,13 +272,17 @@ def parser() -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     result.add_argument("--scenes", default=SCENES, help=f"default {SCENES}")
     result.add_argument("--size", type=benchmark.listed(benchmark.size), default="1080p,4k", help="default 1080p,4k")
-    result.add_argument("--seeds", type=benchmark.listed(int), default=str(scenes.SEED), help=f"default {scenes.SEED}")
+    result.add_argument("--seeds", type=benchmark.listed(benchmark.seed), default=str(scenes.SEED), help=f"default {scenes.SEED}")
     result.add_argument("--variants", default="all", help="bigtri's, separated by commas (default all, and auto)")
     result.add_argument("--methods", default="all", help=f"of {', '.join(METHODS)} (default all)")
-    result.add_argument("--seconds", type=float, default=0.1, help="time for each figure, beyond 50 repeats (default 0.1)")
+    result.add_argument(
+        "--seconds", type=benchmark.seconds, default=0.1, help="time for each figure, beyond 50 repeats (default 0.1)"
+    )
     result.add_argument("--no-floor", action="store_true", help="neither floor nor memset; needs no nvcc")
     result.add_argument("--kernels", action="store_true", help="then each kernel's time, through torch's profiler")
-    result.add_argument("--csv", metavar="FILE", type=Path, help="write the rows there; kernels beside it, FILE_kernels.csv")
+    result.add_argument(
+        "--csv", metavar="FILE", type=benchmark.csv_file, help="write the rows there; kernels beside it, FILE_kernels.csv"
+    )
     result.add_argument("--dry-run", action="store_true", help="on the CPU by the host's clock: does it run?")
     return result
 
@@ -295,7 +320,8 @@ def main(argv: list[str] | None = None) -> int:
             break
         print("\n".join(case_lines(bench.rows[before:], Times(bench.rows[before:], peers))), flush=True)
         if arguments.csv:
-            cuda_clock.write_csv(arguments.csv, bench.rows)  # after each case: an interrupted run keeps what it has
+            # after each case: an interrupted run keeps what it has
+            benchmark.write_csv(arguments.csv, bench.rows, cuda_clock.DIGITS)
         if device.type == "cuda":
             torch.cuda.empty_cache()
     if arguments.kernels and device.type == "cuda":

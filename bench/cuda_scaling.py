@@ -25,17 +25,18 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
+from functools import partial
 from typing import NamedTuple
 
 import cuda_clock
+import cuda_floor
 import cuda_run
 import numpy as np
 import torch
 from cuda_clock import Clock, Machine, text_of
 
-import bigtri
 from bigtri import benchmark, native, scenes
+from bigtri.scenes import layers_of
 
 WIDTH, HEIGHT = 1920, 1080  # px, where a curve does not vary them
 SIDE = 16384  # px, of `area`
@@ -125,16 +126,9 @@ def scattered(count: int, width: int, height: int, seed: int, area: tuple[float,
     corners = np.stack([np.cos(turn), np.sin(turn)], axis=2)
     side = corners[:, 1:] - corners[:, :1]
     here = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0]) / 2
-    wanted = np.exp(rng.uniform(*np.log(area), count))
+    wanted = np.exp(rng.uniform(np.log(area[0]), np.log(area[1]), count))
     centre = rng.uniform([0, 0], [width, height], (count, 1, 2))
     return scenes.soup(corners * np.sqrt(wanted / here)[:, None, None] + centre, scenes.tilted(rng, count, 0.03))
-
-
-def layers_of(area: float, width: int, height: int, layers: int) -> scenes.Mesh:
-    """Whole layers of mesh, triangles of about `area` px."""
-    cell = (2 * area) ** 0.5  # px
-    columns, rows = int(np.ceil(width / cell)), int(np.ceil(height / cell))
-    return scenes.small_mesh(layers * 2 * columns * rows, width, height, scenes.SEED, cell)
 
 
 def shuffled(mesh: scenes.Mesh) -> scenes.Mesh:
@@ -144,27 +138,27 @@ def shuffled(mesh: scenes.Mesh) -> scenes.Mesh:
 def design_points() -> Iterator[Point]:
     for kind, name in (("few large", "S1"), ("many large", "S2"), ("very large", "S3")):
         count = {"S1": 8, "S2": 64, "S3": 32}[name]
-        yield Point("designs", kind, count, WIDTH, HEIGHT, lambda name=name: scenes.pixel_mesh(name, WIDTH, HEIGHT), turns=3)
+        yield Point("designs", kind, count, WIDTH, HEIGHT, partial(scenes.pixel_mesh, name, WIDTH, HEIGHT), turns=3)
 
 
 def count_points() -> Iterator[Point]:
     for count in (1, 8, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 65536, 262144, 1048576):
-        make = lambda count=count: scattered(count, WIDTH, HEIGHT, scenes.SEED, (500, 5000))  # noqa: E731
+        make = partial(scattered, count, WIDTH, HEIGHT, scenes.SEED, (500, 5000))
         yield Point("count", "500 to 5000 px", count, WIDTH, HEIGHT, make)
     for count in (10, 100, 1000, 3000, 10_000, 30_000, 100_000, 1_000_000, 10_000_000):
-        make = lambda count=count: scenes.small_mesh(count, WIDTH, HEIGHT, scenes.SEED)  # noqa: E731
+        make = partial(scenes.small_mesh, count, WIDTH, HEIGHT, scenes.SEED)
         yield Point("count", "mesh, 10 px", count, WIDTH, HEIGHT, make)
 
 
 def area_points() -> Iterator[Point]:
     """The largest first, so that the number of triangles grows along the curve."""
-    one = lambda: scenes.full_screen(1, SIDE, SIDE, scenes.SEED, back_to_front=False)  # noqa: E731
+    one = partial(scenes.full_screen, 1, SIDE, SIDE, scenes.SEED, back_to_front=False)
     yield Point("area", "1 layer, 16384 x 16384", SIDE * SIDE, SIDE, SIDE, one)
     for area in (2**27, 2**25, 2**22, 2**19, 2**16, 2**13, 1000, 100):
-        make = lambda area=area: layers_of(area, SIDE, SIDE, 1)  # noqa: E731
+        make = partial(layers_of, area, SIDE, SIDE, 1)
         yield Point("area", "1 layer, 16384 x 16384", area, SIDE, SIDE, make)
     for area in (100_000, 10_000, 2000, 500, 100, 50, 20, 10, 5, 2):
-        make = lambda area=area: layers_of(area, WIDTH, HEIGHT, LAYERS)  # noqa: E731
+        make = partial(layers_of, area, WIDTH, HEIGHT, LAYERS)
         yield Point("area", f"{LAYERS} layers, {WIDTH} x {HEIGHT}", area, WIDTH, HEIGHT, make)
 
 
@@ -182,9 +176,9 @@ def depth_points() -> Iterator[Point]:
 def resolution_points() -> Iterator[Point]:
     side = 256
     while side <= SIDE:
-        many = lambda side=side: scenes.very_large(32, side, side, scenes.SEED)  # noqa: E731
+        many = partial(scenes.very_large, 32, side, side, scenes.SEED)
         yield Point("resolution", "32 very large", side, side, side, many)
-        one = lambda side=side: scenes.full_screen(1, side, side, scenes.SEED, back_to_front=False)  # noqa: E731
+        one = partial(scenes.full_screen, 1, side, side, scenes.SEED, back_to_front=False)
         yield Point("resolution", "1 full screen", side, side, side, one)
         side *= 2
 
@@ -192,7 +186,7 @@ def resolution_points() -> Iterator[Point]:
 def threshold_points() -> Iterator[Point]:
     for area in (30_000, 8000, 2000, 500, 100, 10):
         for threshold in THRESHOLDS:
-            make = lambda area=area: layers_of(area, WIDTH, HEIGHT, LAYERS)  # noqa: E731
+            make = partial(layers_of, area, WIDTH, HEIGHT, LAYERS)
             yield Point("threshold", f"{area} px", threshold, WIDTH, HEIGHT, make, threshold)
 
 
@@ -229,30 +223,22 @@ class Limits:
             self.last[point.curve, point.kind, way.name] = (triangles, us)
 
 
-class Stage:
-    """A point's tensors on the device."""
+class Stage(cuda_run.Target):
+    """A point's scene, and what its image has to be: the CPU's, or for large ones that of the first way to draw it."""
 
     def __init__(self, point: Point, scene: scenes.Scene, device: torch.device) -> None:
-        self.size = (point.height, point.width)
-        on_cpu = [torch.from_numpy(array) for array in scene]
-        self.positions, self.triangles = (tensor.to(device) for tensor in on_cpu)
-        self.packed = torch.empty(self.size, dtype=torch.int64, device=device)
+        super().__init__(scene, (point.height, point.width), device)
         self.expected: torch.Tensor | None = None
         self.against = ""
         if point.width * point.height <= CPU_PIXELS and len(scene.triangles) <= CPU_TRIANGLES:
-            seen = bigtri.rasterize(*on_cpu, self.size, backend="native", depth=False)
-            self.expected, self.against = seen.packed.to(device), "cpu"
-
-    def draw(self, variant: str) -> None:
-        bigtri.rasterize(self.positions, self.triangles, self.size, depth=False, out=self.packed, variant=variant)
+            self.expected, self.against = self.from_cpu(), "cpu"
 
     def wrong_pixels(self, way: Way, again: cuda_clock.Call) -> int:
-        self.packed.fill_(cuda_clock.POISON)
-        again()
+        image = self.poisoned(again)
         if self.expected is None:
-            self.expected, self.against = self.packed.clone(), way.name
+            self.expected, self.against = image.clone(), way.name
             return 0
-        return sum(int((a != b).sum()) for a, b in zip(self.packed.split(4096), self.expected.split(4096), strict=True))
+        return cuda_run.differing(image, self.expected)
 
 
 def settings(way: Way, point: Point, device: torch.device) -> contextlib.AbstractContextManager:
@@ -266,7 +252,9 @@ def settings(way: Way, point: Point, device: torch.device) -> contextlib.Abstrac
 class Scaling:
     """Measures points and keeps the rows."""
 
-    def __init__(self, clock: Clock, where: Machine, device: torch.device, seconds: float, floor=None) -> None:
+    def __init__(
+        self, clock: Clock, where: Machine, device: torch.device, seconds: float, floor: cuda_floor.Floor | None = None
+    ) -> None:
         self.clock, self.where, self.device, self.seconds, self.floor = clock, where, device, seconds, floor
         self.limits = Limits()
         self.rows: list[Row] = []
@@ -315,7 +303,7 @@ class Scaling:
 
     def memset(self, stage: Stage) -> float | None:
         if self.floor and stage.size not in self.memset_us:
-            us, _ = self.clock.measure(lambda: self.floor.memset(stage.packed), "graph", self.seconds, AT_LEAST)
+            us, _ = self.clock.measure(partial(self.floor.memset, stage.packed), "graph", self.seconds, AT_LEAST)
             self.memset_us[stage.size] = statistics.median(us)
         return self.memset_us.get(stage.size)
 
@@ -396,7 +384,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--most", type=int, default=10_000_000, help="triangles of the largest scene (default ten million)")
     parser.add_argument("--seconds", type=float, default=0.03, help="time for each figure (default 0.03)")
     parser.add_argument("--total", type=float, default=150, help="s for all, shared out among the curves (default 150)")
-    parser.add_argument("--csv", metavar="FILE", type=Path, help="write the rows there")
+    parser.add_argument("--csv", metavar="FILE", type=benchmark.csv_file, help="write the rows there")
     parser.add_argument("--dry-run", action="store_true", help="on the CPU by the host's clock: does it run?")
     arguments = parser.parse_args(argv)
     started = time.perf_counter()
@@ -440,7 +428,7 @@ def main(argv: list[str] | None = None) -> int:
             if device.type == "cuda" and not lost:
                 torch.cuda.empty_cache()
         if arguments.csv:
-            cuda_clock.write_csv(arguments.csv, scaling.rows)
+            benchmark.write_csv(arguments.csv, scaling.rows, cuda_clock.DIGITS)
         if skipped:
             print(f"{curve}: {skipped} points left out, its share of --total was over")
     print("\n".join(design_lines(scaling.rows)))

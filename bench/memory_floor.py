@@ -12,28 +12,17 @@ from __future__ import annotations
 import argparse
 import ctypes
 import statistics
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import torch
 
+from bigtri import benchmark
+
 SIZES = {"1920x1080": 1920 * 1080 * 8, "3840x2160": 3840 * 2160 * 8, "1 GiB": 1 << 30}  # bytes
 libc = ctypes.CDLL(None)
 libc.memset.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_size_t]
-
-
-def median_ms(call: Callable[[], object], seconds: float) -> float:
-    """Median of the calls that fit in `seconds`, at least 5, after one to warm up."""
-    call()
-    times: list[float] = []
-    end = time.perf_counter() + seconds
-    while len(times) < 5 or time.perf_counter() < end:
-        start = time.perf_counter()
-        call()
-        times.append((time.perf_counter() - start) * 1e3)
-    return statistics.median(times)
 
 
 def fills(buffer: torch.Tensor, threads: int, pool: ThreadPoolExecutor) -> dict[str, Callable[[], object]]:
@@ -54,17 +43,17 @@ def fills(buffer: torch.Tensor, threads: int, pool: ThreadPoolExecutor) -> dict[
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--threads", default="1,2")
-    parser.add_argument("--seconds", type=float, default=0.5, help="time for each figure")
+    parser.add_argument("--threads", type=benchmark.listed(benchmark.count), default="1,2")
+    parser.add_argument("--seconds", type=benchmark.seconds, default=0.5, help="time for each figure")
     arguments = parser.parse_args()
     print(f"{'fill':12} {'threads':>7}" + "".join(f" {size + ', ms (GB/s)':>24}" for size in SIZES))
-    for threads in map(int, arguments.threads.split(",")):
+    for threads in arguments.threads:
         torch.set_num_threads(threads)
         with ThreadPoolExecutor(threads) as pool:
             cells: dict[str, list[str]] = {}
             for size in SIZES.values():
                 for name, call in fills(torch.empty(size // 8, dtype=torch.int64), threads, pool).items():
-                    ms = median_ms(call, arguments.seconds)
+                    ms = statistics.median(benchmark.clock(call, arguments.seconds, warm=1))
                     cells.setdefault(name, []).append(f"{ms:.3f} ({size / ms / 1e6:.1f})")
         for name, row in cells.items():
             print(f"{name:12} {threads:7}" + "".join(f" {cell:>24}" for cell in row), flush=True)

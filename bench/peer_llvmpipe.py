@@ -32,10 +32,13 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:  # the worker needs neither bigtri nor torch
+    from bigtri.scenes import Scene
 
 WAYS = ("primitive", "attribute", "none")
 
@@ -58,10 +61,10 @@ class Llvmpipe:
         self.folder = tempfile.TemporaryDirectory()
         self.renderer: str = self._receive()["renderer"]
 
-    def load(self, positions: NDArray[np.float32], triangles: NDArray[np.int32], width: int, height: int, ids: str) -> None:
-        """Uploads a scene: positions f32 [V, 4], triangles i32 [T, 3]; ids is one of `WAYS`."""
+    def load(self, scene: Scene, width: int, height: int, ids: str) -> None:
+        """Uploads a scene in clip space; ids is one of `WAYS`."""
         path = Path(self.folder.name) / "scene.npz"
-        np.savez(path, positions=positions, triangles=triangles)
+        np.savez(path, positions=scene.positions, triangles=scene.triangles)
         self._order(order="load", path=str(path), width=width, height=height, ids=ids)
 
     def frames(self, count: int) -> list[float]:
@@ -167,6 +170,7 @@ class Frame:
         return (time.perf_counter() - start) * 1e3
 
     def ids(self) -> NDArray[np.int32]:
+        assert self.color, "WAYS none draws no ids"
         return np.frombuffer(self.color.read(), np.int32).reshape(self.size[1], self.size[0])
 
 
@@ -175,18 +179,20 @@ def worker() -> None:
     import moderngl
 
     try:
-        context = moderngl.create_context(standalone=True, backend="egl")
+        context = moderngl.create_context(standalone=True, backend="egl")  # type: ignore[arg-type]  # as its documentation has it
     except Exception as error:  # whatever EGL lacks, the driver only needs to know that there is no context
         sys.exit(f"llvmpipe: {error}")
     context.gc_mode = "auto"  # a new scene frees the last one's buffers
     print(json.dumps({"renderer": f"{context.info['GL_RENDERER']}, {context.info['GL_VERSION']}"}), flush=True)
-    frame = None
+    frame: Frame | None = None
     for line in sys.stdin:
         order = json.loads(line)
         answer: dict[str, Any] = {}
         if order["order"] == "load":
-            frame = None
+            frame = None  # gives its memory back first
             frame = Frame(context, dict(np.load(order["path"])), order["width"], order["height"], order["ids"])
+        elif frame is None:
+            raise RuntimeError("an order to draw before one to load")
         elif order["order"] == "frames":
             answer["ms"] = [frame.draw() for _ in range(order["count"])]
         elif order["order"] == "ids":
@@ -204,46 +210,41 @@ def budgeted(peer: Llvmpipe, seconds: float) -> list[float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--scenes", default="S1,S2,S3,S4f,S4b,S5,S6-200k")
-    parser.add_argument("--size", default="1920x1080", help="WxH, several separated by commas")
-    parser.add_argument("--threads", default="0,1,2", help="values of LP_NUM_THREADS")
-    parser.add_argument("--ways", default=",".join(WAYS))
-    parser.add_argument("--seconds", type=float, default=1.0, help="time for each figure")
-    parser.add_argument("--check", action="store_true", help="compare each image with bigtri's")
-    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.worker:
+    if "--worker" in sys.argv[1:]:
         return worker()
 
-    from bigtri import scenes
+    from bigtri import benchmark, scenes
 
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--scenes", default=benchmark.DEFAULT_SCENES)
+    parser.add_argument("--size", type=benchmark.listed(benchmark.size), default="1080p", help="WxH, several separated by commas")
+    parser.add_argument("--threads", default="0,1,2", help="values of LP_NUM_THREADS")
+    parser.add_argument("--ways", default=",".join(WAYS))
+    parser.add_argument("--seconds", type=benchmark.seconds, default=1.0, help="time for each figure")
+    parser.add_argument("--check", action="store_true", help="compare each image with bigtri's")
+    arguments = parser.parse_args()
     print(f"{'scene':8} {'size':>10} {'LP_NUM_THREADS':>14} {'ids':>10} {'median ms':>10} {'min ms':>9} {'frames':>7}")
     for threads in map(int, arguments.threads.split(",")):
         with Llvmpipe(threads) as peer:
             print(f"# {peer.renderer}", flush=True)
-            for size in arguments.size.split(","):
-                width, height = map(int, size.split("x"))
+            for width, height in arguments.size:
                 for name in arguments.scenes.split(","):
                     scene = scenes.make(name, width, height)
                     for way in arguments.ways.split(","):
-                        peer.load(*scene, width, height, way)
+                        peer.load(scene, width, height, way)
                         ms = budgeted(peer, arguments.seconds)
-                        line = f"{name:8} {size:>10} {threads:14} {way:>10} "
+                        line = f"{name:8} {f'{width}x{height}':>10} {threads:14} {way:>10} "
                         line += f"{statistics.median(ms):10.2f} {min(ms):9.2f} {len(ms):7}"
                         if arguments.check and way != "none":
                             line += f"  {different(peer.ids(), scene, width, height)}"
                         print(line, flush=True)
 
 
-def different(ids: NDArray[np.int32], scene: Any, width: int, height: int) -> str:
+def different(ids: NDArray[np.int32], scene: Scene, width: int, height: int) -> str:
     """How an image compares with bigtri's: pixels with another coverage, and with another triangle."""
-    import torch
-
     import bigtri
 
-    visibility = bigtri.rasterize(*map(torch.from_numpy, scene), (height, width), depth=False)
-    mine = np.asarray(visibility.triangle)
+    mine = np.asarray(bigtri.rasterize(scene.positions, scene.triangles, (height, width), depth=False).triangle)
     coverage = int(((ids >= 0) != (mine >= 0)).sum())
     return f"{coverage} px covered differently, {int((ids != mine).sum()) - coverage} px with another triangle"
 

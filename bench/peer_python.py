@@ -9,15 +9,13 @@ Each frame clears and writes packed depth and id, int64 [H, W], in pixel space: 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bigtri import scenes
-from bigtri.benchmark import BACKGROUND
+from bigtri import benchmark, scenes
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px, half-open
 Inside = Callable[[NDArray[np.float64], Box], NDArray[np.bool_]]  # corners [3, 2] px, box -> mask of the box's pixels
@@ -68,7 +66,7 @@ def available(way: str) -> bool:
 def draw(pixels: NDArray[np.float64], packed: NDArray[np.int64], inside: Inside) -> None:
     """A frame: triangles [T, 3, 3] in pixel space into packed [H, W]."""
     height, width = packed.shape
-    packed.fill(BACKGROUND)
+    packed.fill(benchmark.BACKGROUND)
     for index, triangle in enumerate(pixels):
         (x0, y0), (x1, y1) = np.floor(triangle[:, :2].min(axis=0)), np.ceil(triangle[:, :2].max(axis=0))
         box = max(int(x0), 0), max(int(y0), 0), min(int(x1), width), min(int(y1), height)
@@ -95,16 +93,11 @@ class PythonPeer:
         self.packed = np.empty((height, width), np.int64)
 
     def frames(self, count: int) -> list[float]:
-        ms = []
-        for _ in range(count):
-            start = time.perf_counter()
-            draw(self.pixels, self.packed, self.inside)
-            ms.append((time.perf_counter() - start) * 1e3)
-        return ms
+        return benchmark.clock(lambda: draw(self.pixels, self.packed, self.inside), 0, warm=0, at_least=count)
 
     def ids(self) -> NDArray[np.int32]:
         """int32 [H, W], -1 where there is no triangle."""
-        return np.where(self.packed == BACKGROUND, -1, self.packed & 0xFFFFFFFF).astype(np.int32)
+        return benchmark.ids(self.packed)
 
     def close(self) -> None:
         pass

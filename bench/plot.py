@@ -6,7 +6,6 @@ python bench/plot.py --run bench/results/cpu.csv --scaling bench/results/scaling
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -17,15 +16,12 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.container import BarContainer
 
+from bigtri.benchmark import read_csv
+
 Row = dict[str, str]
 
 # colours apart for the colour-blind too (Okabe and Ito)
 COLORS = {"bigtri": "#0072B2", "llvmpipe": "#E69F00", "numpy": "#009E73", "skimage": "#CC79A7", "opencv": "#56B4E9"}
-
-
-def read(path: Path) -> list[Row]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def distinct(rows: Iterable[Row], *fields: str) -> list[tuple[str, ...]]:
@@ -150,9 +146,10 @@ def caption(figure: plt.Figure, row: Row) -> None:
     figure.text(0.01, 0.005, text, size=6.5, color="0.4")
 
 
-def save(figure: plt.Figure, path: Path) -> None:
+def save(figure: plt.Figure, path: Path, top: float = 1) -> None:
+    """top: how far up the panels may reach, of the figure's height."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.tight_layout(rect=(0, 0.02, 1, 1))
+    figure.tight_layout(rect=(0, 0.02, 1, top))
     figure.savefig(path, dpi=150)
     plt.close(figure)
     print(path)
@@ -167,9 +164,9 @@ def main() -> None:
     if not (arguments.run or arguments.scaling):
         parser.error("--run, --scaling or both")
     if arguments.run:
-        bars(read(arguments.run), arguments.out)
+        bars(read_csv(arguments.run), arguments.out)
     if arguments.scaling:
-        sweeps(read(arguments.scaling), arguments.out)
+        sweeps(read_csv(arguments.scaling), arguments.out)
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ import dataclasses
 import itertools
 import statistics
 import time
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -65,8 +66,7 @@ class Bigtri:
             return benchmark.clock(self.job.draw, 0, warm=0, at_least=count)
 
     def ids(self) -> NDArray[np.int32]:
-        packed = self.job.packed.numpy()
-        return np.where(packed == benchmark.BACKGROUND, -1, packed & 0xFFFFFFFF).astype(np.int32)
+        return benchmark.ids(self.job.packed.numpy())
 
     def close(self) -> None:
         pass
@@ -84,16 +84,14 @@ class LlvmpipePeer:
 
     def load(self, name: str, width: int, height: int) -> None:
         scene = scenes.make(name, width, height)
-        best = None
+        found = []
         for (count, process), way in itertools.product(self.processes.items(), ("primitive", "attribute")):
-            process.load(*scene, width, height, way)
-            ms = statistics.median(peer_llvmpipe.budgeted(process, 0.2))
-            if best is None or ms < best[0]:
-                best = (ms, count, way)
-        _, count, way = best
+            process.load(scene, width, height, way)
+            found.append((statistics.median(peer_llvmpipe.budgeted(process, 0.2)), count, way))
+        _, count, way = min(found, key=lambda each: each[0])
         self.variant = f"ids {way}, LP_NUM_THREADS={count}"
         self.active = self.processes[count]
-        self.active.load(*scene, width, height, way)
+        self.active.load(scene, width, height, way)
 
     def frames(self, count: int) -> list[float]:
         return self.active.frames(count)
@@ -153,25 +151,28 @@ def start(name: str, threads: int) -> Peer | None:
     return peer_python.PythonPeer(name)
 
 
-def case(everyone: list[Peer], name: str, width: int, height: int, threads: int, seconds: float) -> list[benchmark.Row]:
+def case(
+    mine: Bigtri, others: Sequence[Peer], name: str, width: int, height: int, threads: int, seconds: float
+) -> list[benchmark.Row]:
     """Runs one case and prints a line for each peer."""
+    everyone: list[Peer] = [mine, *others]
     for peer in everyone:
         peer.load(name, width, height)
-    job = everyone[0].job
+    job = mine.job
     with benchmark.setting(threads):
         peak = benchmark.peak_mib(job.draw)
         base = dataclasses.replace(
             job.row(threads, native.isa()), fragments=job.fragments(), covered_px=job.covered_px(), peak_mib=peak
         )
     rows = rows_of(everyone, take_turns(everyone, seconds), base)
-    mine = everyone[0].ids()
+    expected = mine.ids()
     for peer, row in zip(everyone, rows, strict=True):
         line = f"{name:8} {f'{width}x{height}':>10} {threads:7} {peer.name:>9} {row.ms_median:10.3f} {row.ms_min:9.3f}"
         if row.ratio is not None:
             other = peer.ids()
-            coverage = int(((other >= 0) != (mine >= 0)).sum())
+            coverage = int(((other >= 0) != (expected >= 0)).sum())
             line += f" {row.ratio:7.2f} ({row.ratio_p25:.2f} to {row.ratio_p75:.2f})"
-            line += f"  {coverage}/{int((other != mine).sum())}  {row.variant}"
+            line += f"  {coverage}/{int((other != expected).sum())}  {row.variant}"
         print(line, flush=True)
     return rows
 
@@ -183,12 +184,19 @@ def main() -> None:
     parser.add_argument("--threads", type=benchmark.listed(benchmark.count), default="1,2", help="default 1,2")
     parser.add_argument("--variant", default="auto", help="bigtri's variant (default auto)")
     parser.add_argument("--peers", default="llvmpipe", help=f"of {', '.join(PEERS)} (default llvmpipe; others S1 to S3)")
-    parser.add_argument("--seconds", type=float, default=3.0, help="time for each case, all peers together (default 3)")
-    parser.add_argument("--csv", metavar="FILE", help="write the rows there")
+    parser.add_argument(
+        "--seconds", type=benchmark.seconds, default=3.0, help="time for each case, all peers together (default 3)"
+    )
+    parser.add_argument("--csv", metavar="FILE", type=benchmark.csv_file, help="write the rows there")
     arguments = parser.parse_args()
     names = [name for name in arguments.peers.split(",") if name]
     if unknown := [name for name in names if name not in PEERS]:
         parser.error(f"no peer {', '.join(unknown)}; there are {', '.join(PEERS)}")
+
+    try:
+        chosen = benchmark.chosen("scene", arguments.scenes, list(scenes.SCENES))
+    except ValueError as error:
+        parser.error(str(error))
 
     print(f"{benchmark.device()}; {benchmark.versions()}; {benchmark.commit()}; {native.isa()}")
     rows: list[benchmark.Row] = []
@@ -197,9 +205,9 @@ def main() -> None:
         peers = [peer for name in names if (peer := start(name, threads))]
         print(f"{'scene':8} {'size':>10} {'threads':>7} {'renderer':>9} {'median ms':>10} {'min':>9} ", end="")
         print("their time / bigtri's (quartiles)  px: coverage/id differs")
-        for (width, height), name in itertools.product(arguments.size, arguments.scenes.split(",")):
+        for (width, height), name in itertools.product(arguments.size, chosen):
             able = [peer for peer in peers if not isinstance(peer, peer_python.PythonPeer) or name in peer_python.SCENES]
-            rows += case([Bigtri(threads, arguments.variant), *able], name, width, height, threads, arguments.seconds)
+            rows += case(Bigtri(threads, arguments.variant), able, name, width, height, threads, arguments.seconds)
             if arguments.csv:
                 benchmark.write_csv(arguments.csv, rows)  # after each case: an interrupted run keeps what it has
         for peer in peers:

@@ -15,12 +15,13 @@ import contextlib
 import itertools
 import sys
 import time
+from typing import Any
 
 import numpy as np
 import torch
 
 import bigtri
-from bigtri import native, scenes
+from bigtri import benchmark, native, scenes
 from bigtri.texture import FILTERS, WRAPS
 
 PATHS: dict[str, dict[str, int]] = {
@@ -82,15 +83,22 @@ def pictures(width: int, height: int) -> dict[str, scenes.Scene]:
     }
 
 
+def tensor(value: object) -> torch.Tensor:
+    """What bigtri returns for tensors, said to the type checker."""
+    assert isinstance(value, torch.Tensor)
+    return value
+
+
 def shaded(positions: torch.Tensor, triangles: torch.Tensor, packed: torch.Tensor) -> dict[str, torch.Tensor]:
     """What reads a visibility buffer, each operator with each of its settings."""
 
     def given(*shape: int) -> torch.Tensor:
         return torch.from_numpy(np.random.default_rng(shape).uniform(-0.2, 1.4, shape).astype(np.float32)).to(packed.device)
 
-    found = {"barycentrics": bigtri.barycentrics(packed, positions, triangles)}
+    found = {"barycentrics": tensor(bigtri.barycentrics(packed, positions, triangles))}
     for channels in (1, 2, 3, 5):
-        found[f"interpolate {channels}"] = bigtri.interpolate(given(len(positions), channels), packed, positions, triangles)
+        attributes = given(len(positions), channels)
+        found[f"interpolate {channels}"] = tensor(bigtri.interpolate(attributes, packed, positions, triangles))
     uv = found["interpolate 2"]
     for how, wrap in itertools.product(FILTERS, WRAPS):
         found[f"sample_texture {how} {wrap}"] = bigtri.sample_texture(given(13, 7, 3), uv, filter=how, wrap=wrap)
@@ -102,23 +110,25 @@ def shaded(positions: torch.Tensor, triangles: torch.Tensor, packed: torch.Tenso
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--size", default="200x150", help="WIDTHxHEIGHT (default 200x150)")
+    parser.add_argument("--size", type=benchmark.size, default="200x150", help="WIDTHxHEIGHT (default 200x150)")
     parser.add_argument("--quick", action="store_true", help="only the main paths, without culling and scissor")
     parser.add_argument("--total", type=float, default=1e9, help="s: skip the rest after that, and say so")
     parser.add_argument("--device", default="cuda", choices=("cuda", "cpu"))
     arguments = parser.parse_args()
-    width, height = map(int, arguments.size.split("x"))
+    width, height = arguments.size
     if arguments.device not in native.devices():
         raise SystemExit(f"no {arguments.device} here")
     paths = {name: PATHS[name] for name in (QUICK if arguments.quick else PATHS)}
-    scissors = [None] if arguments.quick else [None, (3, 70, width - 9, height - 1)]
+    scissors: list[tuple[int, int, int, int] | None] = [None]
+    if not arguments.quick:
+        scissors.append((3, 70, width - 9, height - 1))
     end = time.perf_counter() + arguments.total
     drawn = wrong = skipped = 0
     for title, scene in pictures(width, height).items():
-        on_cpu = [torch.from_numpy(array) for array in scene]
-        here = [tensor.to(arguments.device) for tensor in on_cpu]
+        on_cpu = torch.from_numpy(scene.positions), torch.from_numpy(scene.triangles)
+        here = on_cpu[0].to(arguments.device), on_cpu[1].to(arguments.device)
         for cull, scissor in ((c, s) for c in (CULLS[:1] if arguments.quick else CULLS) for s in scissors):
-            how = {"cull": cull, "scissor": scissor}
+            how: dict[str, Any] = {"cull": cull, "scissor": scissor}
             expected = bigtri.rasterize(*on_cpu, (height, width), backend="native", **how)
             for variant, (path, tuning) in ((v, p) for v in native.VARIANTS[arguments.device] for p in paths.items()):
                 for depth in (False, True):
@@ -127,15 +137,17 @@ def main() -> int:
                         continue
                     with native.cuda_tuning(**tuning) if arguments.device == "cuda" else contextlib.nullcontext():
                         seen = bigtri.rasterize(*here, (height, width), variant=variant, depth=depth, **how)
-                    bits = int((seen.packed.cpu() != expected.packed).sum()) + int(seen.dropped != expected.dropped)
-                    if seen.depth is not None:
-                        bits += int((seen.depth.cpu().view(torch.int32) != expected.depth.view(torch.int32)).sum())
+                    bits = int((tensor(seen.packed).cpu() != tensor(expected.packed)).sum())
+                    bits += int(seen.dropped != expected.dropped)
+                    if depth:
+                        depths = [tensor(image.depth).cpu().view(torch.int32) for image in (seen, expected)]
+                        bits += int((depths[0] != depths[1]).sum())
                     drawn, wrong = drawn + 1, wrong + bits
                     if bits:
                         print(f"{title}; {how}; {variant}, {path}, depth={depth}: {bits} values differ", flush=True)
-        seen, expected = (shaded(*at, bigtri.rasterize(*at, (height, width)).packed) for at in (here, on_cpu))
-        for name, values in expected.items():
-            bits = int((seen[name].cpu().view(torch.uint8) != values.view(torch.uint8)).sum())
+        colors, wanted = (shaded(*at, tensor(bigtri.rasterize(*at, (height, width)).packed)) for at in (here, on_cpu))
+        for name, values in wanted.items():
+            bits = int((colors[name].cpu().view(torch.uint8) != values.view(torch.uint8)).sum())
             drawn, wrong = drawn + 1, wrong + bits
             if bits:
                 print(f"{title}; {name}: {bits} bytes differ", flush=True)

@@ -20,6 +20,7 @@ from collections.abc import Iterator
 import peer_llvmpipe
 
 from bigtri import benchmark, native, scenes
+from bigtri.reference.numerics import MAX_SIZE
 
 WIDTH, HEIGHT = 1920, 1080  # px, of `count` and `area`
 LAYERS = 4
@@ -48,22 +49,18 @@ def count_points() -> Iterator[Point]:
 
 def area_points() -> Iterator[Point]:
     for area in (2, 5, 10, 20, 50, 100, 500, 2000, 10_000, 100_000):
-        cell = (2 * area) ** 0.5  # px
-        columns, rows = -(-WIDTH // cell), -(-HEIGHT // cell)  # as small_mesh rounds them
-        mesh = scenes.small_mesh(int(LAYERS * 2 * columns * rows), WIDTH, HEIGHT, scenes.SEED, cell)
+        mesh = scenes.layers_of(area, WIDTH, HEIGHT, LAYERS)
         yield f"area mesh {area}", WIDTH, HEIGHT, scenes.to_clip(mesh, WIDTH, HEIGHT)
 
 
 def llvmpipe_row(base: benchmark.Row, peer: peer_llvmpipe.Llvmpipe, scene: scenes.Scene, seconds: float) -> benchmark.Row:
     """The same point on llvmpipe, with the faster of its two ways to learn the index; base: bigtri's row."""
-    best = None
+    found = []
     for way in ("primitive", "attribute"):
-        peer.load(*scene, base.width, base.height, way)
-        timing = benchmark.summary(peer_llvmpipe.budgeted(peer, seconds / 2))
-        if best is None or timing.median < best[0].median:
-            best = (timing, way)
-    row = dataclasses.replace(base, renderer="llvmpipe", variant=f"ids {best[1]}", precision="", isa="", peak_mib=None)
-    return row.timed(best[0])
+        peer.load(scene, base.width, base.height, way)
+        found.append((benchmark.summary(peer_llvmpipe.budgeted(peer, seconds / 2)), way))
+    timing, way = min(found, key=lambda pair: pair[0].median)
+    return dataclasses.replace(base, renderer="llvmpipe", variant=f"ids {way}", precision="", isa="", peak_mib=None).timed(timing)
 
 
 def show(row: benchmark.Row) -> None:
@@ -74,14 +71,21 @@ def show(row: benchmark.Row) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--curves", default="resolution,count,area", help="which of them (default all)")
-    parser.add_argument("--largest", type=int, default=16384, help="side of the largest square, px (default 16384: 2 GiB)")
+    parser.add_argument(
+        "--largest",
+        type=benchmark.whole(1, MAX_SIZE),
+        default=MAX_SIZE,
+        help="side of the largest square, px (default 16384: 2 GiB)",
+    )
     parser.add_argument("--threads", type=benchmark.listed(benchmark.count), default="1,2", help="default 1,2")
     parser.add_argument("--variant", default="auto", help="bigtri's variants, separated by commas (default auto)")
     parser.add_argument("--llvmpipe", action="store_true", help="also llvmpipe, up to 8192 px a side")
-    parser.add_argument("--seconds", type=float, default=0.5, help="time for each figure (default 0.5)")
-    parser.add_argument("--csv", metavar="FILE", help="write the rows there")
+    parser.add_argument("--seconds", type=benchmark.seconds, default=0.5, help="time for each figure (default 0.5)")
+    parser.add_argument("--csv", metavar="FILE", type=benchmark.csv_file, help="write the rows there")
     arguments = parser.parse_args()
     curves = {"resolution": lambda: resolution_points(arguments.largest), "count": count_points, "area": area_points}
+    if unknown := [curve for curve in arguments.curves.split(",") if curve not in curves]:
+        parser.error(f"--curves must be of {', '.join(curves)}, got {', '.join(unknown)}")
 
     print(f"{benchmark.device()}; {benchmark.versions()}; {benchmark.commit()}")
     peers = {threads: peer_llvmpipe.Llvmpipe(threads) for threads in arguments.threads} if arguments.llvmpipe else {}

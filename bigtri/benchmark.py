@@ -18,16 +18,19 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from . import scenes
+from . import info, scenes
+from .reference.numerics import BACKGROUND, MAX_SIZE
 
-BACKGROUND = 2**63 - 1  # packed value of a pixel without a triangle
+MAX_THREADS = 1024  # beyond, systems refuse to start them, and then the process ends
+T = TypeVar("T")
 DEFAULT_SCENES = "S1,S2,S3,S4f,S4b,S5,S6-200k"
 
 
@@ -121,28 +124,34 @@ class Row:
         return dataclasses.replace(self, ms_median=median, ms_min=minimum, ms_p25=p25, ms_p75=p75, repeats=repeats)
 
 
-def write_csv(path: str | Path, rows: Iterable[Row]) -> None:
-    """Writes rows under a header, in place of what the file held."""
+class AnyRow(Protocol):
+    """An instance of any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+
+def write_csv(path: str | Path, rows: Sequence[AnyRow], digits: int = 4) -> None:
+    """Writes rows, dataclasses of one kind, under a header, in place of what the file held; floats with so many digits."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([field.name for field in dataclasses.fields(Row)])
+        if rows:
+            writer.writerow([field.name for field in dataclasses.fields(rows[0])])
         for row in rows:
             values = dataclasses.astuple(row)
-            writer.writerow(["" if v is None else f"{v:.4f}" if isinstance(v, float) else v for v in values])
+            writer.writerow(["" if v is None else f"{v:.{digits}f}" if isinstance(v, float) else v for v in values])
+
+
+def read_csv(path: str | Path) -> list[dict[str, str]]:
+    """The rows of a CSV, as text by column."""
+    with Path(path).open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def device() -> str:
     """The CPU's name and how many of its cores this process may use."""
-    name = platform.processor() or platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        name = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        pass
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return f"{name}, {cores} cores"
+    return f"{info.cpu_name()}, {info.usable_cpus()} cores"
 
 
 def versions() -> str:
@@ -169,6 +178,11 @@ def command() -> str:
 
 
 # --- cases
+
+
+def ids(packed: NDArray[np.int64]) -> NDArray[np.int32]:
+    """The triangle of each pixel of a packed image, int32 of the same shape; -1 where there is none."""
+    return np.where(packed == BACKGROUND, -1, packed & 0xFFFFFFFF).astype(np.int32)
 
 
 class Job:
@@ -253,20 +267,59 @@ def measure(job: Job, threads: int, isa: str, seconds: float, fragments: int | N
 # --- the command
 
 
+def whole(low: int, high: int | None = None) -> Callable[[str], int]:
+    """An argparse type: a whole number of at least `low` and at most `high`."""
+    wanted = f"a whole number of at least {low}" if high is None else f"a whole number from {low} to {high}"
+
+    def parse(text: str) -> int:
+        # int() refuses a number of thousands of digits, with an error of its own.
+        number = int(text) if text.isdecimal() and len(text) < 20 else -1
+        if number < low or (high is not None and number > high):
+            raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}")
+        return number
+
+    return parse
+
+
 def size(text: str) -> tuple[int, int]:
-    """(width, height) in px from "1920x1080", or from a name."""
-    text = {"1080p": "1920x1080", "4k": "3840x2160", "8k": "7680x4320", "16k": "15360x8640"}.get(text.lower(), text)
+    """An argparse type: (width, height) in px, 1 to `MAX_SIZE` each, from "1920x1080" or from a name."""
+    named = {"1080p": "1920x1080", "4k": "3840x2160", "8k": "7680x4320", "16k": "15360x8640"}.get(text.lower(), text)
+    width, _, height = named.lower().partition("x")
     try:
-        width, height = map(int, text.lower().split("x"))
+        return whole(1, MAX_SIZE)(width), whole(1, MAX_SIZE)(height)
+    except argparse.ArgumentTypeError:
+        wanted = f"WIDTHxHEIGHT, 1 to {MAX_SIZE} each, such as 1920x1080, or 1080p, 4k, 8k, 16k"
+        raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}") from None
+
+
+def seconds(text: str) -> float:
+    """An argparse type: a time in seconds."""
+    try:
+        number = float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"a size is WIDTHxHEIGHT, 1080p, 4k, 8k or 16k, got {text!r}") from None
-    return width, height
+        number = math.nan
+    if not 0 <= number < math.inf:
+        raise argparse.ArgumentTypeError(f"must be a number of seconds of at least 0, got {text!r}")
+    return number
 
 
-def listed(kind: Callable[[str], object]) -> Callable[[str], list]:
+def csv_file(text: str) -> Path:
+    """An argparse type: a file that can be written, as far as can be said before there is anything to write."""
+    path = Path(text)
+    there = next(folder for folder in (path, *path.absolute().parents) if os.path.lexists(folder))
+    if os.path.isdir(path) or not path.name:
+        raise argparse.ArgumentTypeError(f"must be a file, got the folder {text!r}")
+    if there != path and not there.is_dir():
+        raise argparse.ArgumentTypeError(f"must be in a folder, got {text!r}: {there} is a file")
+    if not os.access(there, os.W_OK):
+        raise argparse.ArgumentTypeError(f"must be a file that can be written, got {text!r}: no permission for {there}")
+    return path
+
+
+def listed(kind: Callable[[str], T]) -> Callable[[str], list[T]]:
     """An argparse type: values of `kind` separated by commas."""
 
-    def parse(text: str) -> list:
+    def parse(text: str) -> list[T]:
         return [kind(part) for part in text.split(",")]
 
     parse.__name__ = f"list of {getattr(kind, '__name__', 'values')}"
@@ -281,16 +334,12 @@ def chosen(what: str, text: str, known: list[str]) -> list[str]:
     """
     names = known if text == "all" else text.split(",")
     if unknown := [name for name in names if name not in known]:
-        raise ValueError(f"no {what} {', '.join(unknown)}; there are {', '.join(known)}")
+        raise ValueError(f"{what} must be one of {', '.join(known)}, got {', '.join(map(repr, unknown))}")
     return names
 
 
-def count(text: str) -> int:
-    """A number of threads."""
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"at least 1 thread, got {number}")
-    return number
+count = whole(1, MAX_THREADS)  # a number of threads
+seed = whole(0)
 
 
 def parser(program: str = "bigtri bench") -> argparse.ArgumentParser:
@@ -309,9 +358,9 @@ def parser(program: str = "bigtri bench") -> argparse.ArgumentParser:
     result.add_argument("--threads", type=listed(count), help="thread counts (default: torch's)")
     result.add_argument("--isa", help="instruction sets, or all (default: the fastest this CPU has)")
     result.add_argument("--variant", default="auto", help="algorithm variants, or all (default auto)")
-    result.add_argument("--seed", type=int, default=scenes.SEED, help=f"the scenes' seed (default {scenes.SEED})")
-    result.add_argument("--seconds", type=float, default=1.0, help="time for each case (default 1.0)")
-    result.add_argument("--csv", metavar="FILE", help="also write the rows there")
+    result.add_argument("--seed", type=seed, default=scenes.SEED, help=f"the scenes' seed (default {scenes.SEED})")
+    result.add_argument("--seconds", type=seconds, default=1.0, help="time for each case (default 1.0)")
+    result.add_argument("--csv", type=csv_file, metavar="FILE", help="also write the rows there")
     result.add_argument("--quick", action="store_true", help="S1, S2, S3 at 960x540, 0.2 s each: does it run?")
     return result
 
@@ -344,16 +393,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         names = chosen("scene", arguments.scenes, list(scenes.SCENES))
         isas = chosen("instruction set", arguments.isa or native.isa(), native.isa_levels())
         variants = ["auto"] if arguments.variant == "auto" else chosen("variant", arguments.variant, list(native.VARIANTS["cpu"]))
+        # All before anything is measured: one may not fit its image.
+        sizes = itertools.product(arguments.size, names)
+        cases = [(name, width, height, scenes.make(name, width, height, arguments.seed)) for (width, height), name in sizes]
     except ValueError as error:
         parser().error(str(error))
     settings = list(itertools.product(variants, arguments.threads or [torch.get_num_threads()], isas))
 
     print(f"{device()}; {versions()}; {commit()}\n{HEADER}", flush=True)
     rows = []
-    for (width, height), name in itertools.product(arguments.size, names):
+    for name, width, height, scene in cases:
         if sys.stderr.isatty():
             print(f"{name} {width}x{height} ...", end="\r", file=sys.stderr, flush=True)
-        scene = scenes.make(name, width, height, arguments.seed)
         fragments = None
         for variant, threads, isa in settings:
             job = Job(name, width, height, scene, variant)

@@ -30,6 +30,7 @@ class Camera:
             from eye to target. What is nearer than near is clipped, what is farther than far is not drawn.
 
     Raises:
+        TypeError: an attribute that is no number, or not three of them.
         ValueError: a camera that sees nothing; the text names the attribute.
     """
 
@@ -42,11 +43,13 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name in ("eye", "target", "up"):
-            object.__setattr__(self, name, _vector(name, getattr(self, name)))
+            object.__setattr__(self, name, vector("Camera", name, getattr(self, name)))
+        object.__setattr__(self, "fov_y", _field_of_view("Camera", self.fov_y))
+        for name in ("near", "far"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, number("Camera", name, getattr(self, name)))
         if self.distance == 0 or not math.isfinite(self.distance):
             raise ValueError(f"bigtri.Camera: target must be a finite distance away from eye, got {self.target} for both")
-        if not 0 < self.fov_y < 180:
-            raise ValueError(f"bigtri.Camera: fov_y must be in (0, 180) degrees, got {self.fov_y}")
         near, far = self.depth_range
         if not 0 < near < far < math.inf:
             raise ValueError(f"bigtri.Camera: near and far must satisfy 0 < near < far < inf, got {near} and {far}")
@@ -76,14 +79,17 @@ class Camera:
             elevation: degrees above the horizon, in [-90, 90]; straight from above or below is allowed.
             up_axis: "y" or "z".
             **settings: fov_y, near, far.
+
+        Raises:
+            TypeError, ValueError: as for ``Camera``, and angles and a radius that are not as said above.
         """
-        if not (radius > 0 and math.isfinite(radius)):
-            raise ValueError(f"bigtri.Camera.orbit: radius must be positive and finite, got {radius}")
+        op = "Camera.orbit"
+        center, radius = vector(op, "center", center), _positive(op, "radius", radius)
+        azimuth, elevation = number(op, "azimuth", azimuth), number(op, "elevation", elevation)
         if not -90 <= elevation <= 90:
             raise ValueError(f"bigtri.Camera.orbit: elevation must be in [-90, 90] degrees, got {elevation}")
         if up_axis not in ("y", "z"):
             raise ValueError(f"bigtri.Camera.orbit: up_axis must be 'y' or 'z', got {up_axis!r}")
-        center = _vector("center", center)
         turn, rise = math.radians(azimuth), math.radians(elevation)
         outward = (math.cos(rise) * math.sin(turn), math.sin(rise), math.cos(rise) * math.cos(turn))
         # The derivative of outward by the elevation: it stays perpendicular to the view, also at the poles.
@@ -112,13 +118,21 @@ class Camera:
             distance: 1 fits the sphere around the bounds; 2 is twice as far.
             aspect: width / height of the picture.
             fov_y: degrees.
+
+        Raises:
+            TypeError, ValueError: an argument that is not as said above; the text names it.
         """
-        low, high = (_vector("bounds", corner) for corner in np.asarray(bounds, np.float64))
-        if not (distance > 0 and math.isfinite(distance)):
-            raise ValueError(f"bigtri.Camera.framing: distance must be positive and finite, got {distance}")
+        op = "Camera.framing"
+        corners = _points(op, "bounds", bounds)
+        if corners.shape != (2, 3):
+            raise ValueError(f"bigtri.{op}: bounds must be [2, 3], got {list(corners.shape)}")
+        low, high = (vector(op, "bounds", corner) for corner in corners.tolist())
+        distance, fov_y = _positive(op, "distance", distance), _field_of_view(op, fov_y)
         radius = 0.5 * _length(_subtract(high, low)) or 1.0
-        half_height = math.radians(_field_of_view(fov_y)) / 2
-        half_angle = min(half_height, math.atan(math.tan(half_height) * _aspect(aspect)))
+        if not math.isfinite(radius):
+            raise ValueError(f"bigtri.{op}: bounds must have a diagonal below 1e154, got {corners.tolist()}")
+        half_height = math.radians(fov_y) / 2
+        half_angle = min(half_height, math.atan(math.tan(half_height) * _positive(op, "aspect", aspect)))
         away = radius / math.sin(half_angle) * distance
         center = (0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), 0.5 * (low[2] + high[2]))
         near = max((away - radius) * 0.5, away * 1e-3)
@@ -142,14 +156,19 @@ class Camera:
         return near, far
 
     def matrix(self, aspect: float) -> NDArray[np.float64]:
-        """World to clip space: float64 [4, 4], for column vectors; ``aspect`` is width / height."""
+        """World to clip space: float64 [4, 4], for column vectors; ``aspect`` is width / height.
+
+        Raises:
+            TypeError, ValueError: an aspect that is no number, or not positive and finite.
+        """
+        aspect = _positive("Camera", "aspect", aspect)
         forward = self.forward
         right = _unit(_cross(forward, self.up))
         upward = _cross(right, forward)
         near, far = self.depth_range
         scale = 1 / math.tan(math.radians(self.fov_y) / 2)
         depth_scale, depth_offset = (far + near) / (far - near), -2 * far * near / (far - near)
-        row_x = _row(right, self.eye, scale / _aspect(aspect))
+        row_x = _row(right, self.eye, scale / aspect)
         row_y = _row(upward, self.eye, scale)
         row_z = _row(forward, self.eye, depth_scale)
         row_z[3] = row_z[3] + depth_offset
@@ -160,17 +179,67 @@ class Camera:
 
         Every component is ``((m0*x + m1*y) + m2*z) + m3`` in float64, rounded once to float32: no matrix product, whose order of
         summation a library would choose.
+
+        Raises:
+            TypeError, ValueError: points or an aspect that are not as said above.
         """
-        world = np.asarray(points, np.float64)
+        world = _points("Camera.transform", "points", points)
         if world.ndim != 2 or world.shape[1] != 3:
             raise ValueError(f"bigtri.Camera.transform: points must be [V, 3], got {list(world.shape)}")
-        x, y, z = world[:, 0], world[:, 1], world[:, 2]
         clip = np.empty((len(world), 4), np.float32)
         # A point beyond float32's range becomes an infinity, and rasterize drops and counts its triangles.
         with np.errstate(over="ignore", invalid="ignore"):
             for i, row in enumerate(self.matrix(aspect)):
-                clip[:, i] = ((row[0] * x + row[1] * y) + row[2] * z) + row[3]
+                clip[:, i] = affine(row, world)
         return clip
+
+
+def affine(row: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """float64 [V]: one row [4] of an affine map at points [V, 3], in the order that ``Camera.transform`` says."""
+    x, y, z = points[:, 0], points[:, 1], points[:, 2]
+    return ((row[0] * x + row[1] * y) + row[2] * z) + row[3]
+
+
+def number(owner: str, name: str, value: Any) -> float:
+    """``value`` as a float.
+
+    Args:
+        owner, name: the function or class and its argument, for the error text.
+        value: a number of Python, NumPy or torch; text that reads as one is none.
+
+    Raises:
+        TypeError: not a number.
+        ValueError: a NaN or an infinity.
+    """
+    wanted = f"bigtri.{owner}: {name} must be a finite number"
+    if not (hasattr(value, "__float__") or hasattr(value, "__index__")):
+        raise TypeError(f"{wanted}, got {value!r}")
+    try:
+        result = float(value)
+    except OverflowError:  # an integer beyond float64
+        result = math.inf
+    except (TypeError, ValueError, RuntimeError):  # an array of several
+        raise TypeError(f"{wanted}, got {value!r}") from None
+    if not math.isfinite(result):
+        raise ValueError(f"{wanted}, got {value!r}")
+    return result
+
+
+def vector(owner: str, name: str, value: Any) -> Vector:
+    """``value`` as three floats; arguments as for ``number``.
+
+    Raises:
+        TypeError: not a sequence, or not of numbers.
+        ValueError: not three, or one is a NaN or an infinity.
+    """
+    wanted = f"bigtri.{owner}: {name} must be three finite numbers"
+    try:
+        x, y, z = (number(owner, name, component) for component in value)
+    except TypeError:
+        raise TypeError(f"{wanted}, got {value!r}") from None
+    except ValueError:  # another number of them, too
+        raise ValueError(f"{wanted}, got {value!r}") from None
+    return x, y, z
 
 
 def _row(direction: Vector, eye: Vector, scale: float) -> list[float]:
@@ -178,26 +247,30 @@ def _row(direction: Vector, eye: Vector, scale: float) -> list[float]:
     return [scale * direction[0], scale * direction[1], scale * direction[2], -scale * _dot(direction, eye)]
 
 
-def _vector(name: str, value: Sequence[float]) -> Vector:
+def _points(owner: str, name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """``value`` as float64 of any shape."""
     try:
-        x, y, z = (float(component) for component in value)
-    except (TypeError, ValueError):
-        raise ValueError(f"bigtri.Camera: {name} must be three numbers, got {value!r}") from None
-    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
-        raise ValueError(f"bigtri.Camera: {name} must be finite, got {value!r}")
-    return x, y, z
+        array = np.asarray(value)
+        if array.dtype.kind in "biuf":
+            return array.astype(np.float64, copy=False)
+    except (TypeError, ValueError, RuntimeError):  # rows of different lengths, or a tensor that NumPy cannot see
+        pass
+    raise TypeError(f"bigtri.{owner}: {name} must be an array of numbers, got {value!r}")
 
 
-def _aspect(aspect: float) -> float:
-    if not (aspect > 0 and math.isfinite(aspect)):
-        raise ValueError(f"bigtri.Camera: aspect must be positive and finite, got {aspect}")
-    return aspect
+def _positive(owner: str, name: str, value: float) -> float:
+    result = number(owner, name, value)
+    if not result > 0:
+        raise ValueError(f"bigtri.{owner}: {name} must be positive and finite, got {value!r}")
+    return result
 
 
-def _field_of_view(fov_y: float) -> float:
-    if not 0 < fov_y < 180:
-        raise ValueError(f"bigtri.Camera: fov_y must be in (0, 180) degrees, got {fov_y}")
-    return fov_y
+def _field_of_view(owner: str, fov_y: float) -> float:
+    result = number(owner, "fov_y", fov_y)
+    # In radians the smallest of all floats is 0.
+    if not (0 < result < 180 and math.radians(result) / 2 > 0):
+        raise ValueError(f"bigtri.{owner}: fov_y must be in (0, 180) degrees, got {fov_y!r}")
+    return result
 
 
 def _y_up_to_z_up(v: Vector) -> Vector:

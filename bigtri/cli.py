@@ -10,8 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-# Exit codes: 0 done, 1 it could not be done, 2 the command line was wrong (argparse's own).
+# Exit codes: 0 done; 1 it cannot be done here, or hard-cases found bigtri wrong; 2 the command line or a file is wrong, which is
+# argparse's own code for that.
 _FAILED = 1
+_WRONG_INPUT = 2
 
 _EXAMPLES = """\
 examples:
@@ -40,28 +42,41 @@ examples:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    if arguments[:1] == ["bench"]:
-        # The benchmark has a parser of its own, --help included.
-        from . import benchmark
+    """Run the command line; returns the exit code. What can be expected to go wrong is one line, not a traceback.
 
-        return benchmark.main(arguments[1:])
-    options = _parser().parse_args(arguments)
+    Raises:
+        SystemExit: argparse's, for a command line that it does not understand, and for --help.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    command = "bench"
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
+            if arguments[:1] == ["bench"]:
+                # The benchmark has a parser of its own, --help included.
+                from . import benchmark
+
+                return benchmark.main(arguments[1:])
+            options = _parser().parse_args(arguments)
+            command = options.command
             return options.run(options)
-    except (OSError, ValueError, TypeError, RuntimeError, ImportError) as error:
-        print(f"bigtri {options.command}: {error}", file=sys.stderr)
-        return _FAILED
+    except (OSError, ValueError, TypeError) as error:
+        return _complain(command, error, _WRONG_INPUT)
+    except (RuntimeError, ImportError, MemoryError) as error:
+        return _complain(command, error, _FAILED)
     except KeyboardInterrupt:
-        print(f"bigtri {options.command}: interrupted", file=sys.stderr)
-        return _FAILED
+        return _complain(command, "interrupted", _FAILED)
+
+
+def _complain(command: str, what: object, code: int) -> int:
+    """Say it in one line; returns the code."""
+    text = " ".join(str(what).split()) or type(what).__name__
+    print(f"bigtri {command}: {text}", file=sys.stderr)
+    return code
 
 
 def _parser() -> argparse.ArgumentParser:
-    from . import __version__
+    from . import __version__, benchmark
 
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(
@@ -76,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     about = "draw, explain and time a scene of large triangles"
     demo = commands.add_parser("demo", help=about, epilog="example:\n  bigtri demo --out pictures", formatter_class=raw)
     demo.add_argument("--out", type=Path, default=Path("bigtri-demo"), help="folder for the pictures (default: %(default)s)")
-    demo.add_argument("--size", type=_size, default=(1920, 1080), metavar="WxH", help="pixels (default: 1920x1080)")
+    demo.add_argument("--size", type=benchmark.size, default=(1920, 1080), metavar="WxH", help="pixels (default: 1920x1080)")
     _add_execution(demo)
     demo.set_defaults(run=_demo)
     about = "what this build draws of triangles that break rasterizers, and what plain float32 draws"
@@ -85,21 +100,25 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_hard_cases(parser: argparse.ArgumentParser) -> None:
+    from .benchmark import csv_file
+
     parser.description = "Draw every hard case by every method and count what is wrong. Exit code 1 if bigtri is wrong anywhere."
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="cases such as H05, or families such as ties")
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="write the counts there as well")
+    parser.add_argument("--csv", type=csv_file, metavar="FILE", help="write the counts there as well")
     parser.add_argument("--markdown", action="store_true", help="print the table as docs/hard_cases.md has it")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the pictures of docs/hard_cases.md there, no table")
     parser.set_defaults(run=_hard_cases)
 
 
 def _add_render(parser: argparse.ArgumentParser) -> None:
+    from . import benchmark
+    from .rasterize import CULLS
     from .views import VIEWS
 
     parser.description = "Draw a GLB, glTF, OBJ, PLY, STL or OFF file, seen from around it."
     parser.add_argument("model", type=Path, help="the file to draw")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the picture to write: .png, .jpg, .tif or .bmp")
-    parser.add_argument("--size", type=_size, default=(1280, 960), metavar="WxH", help="pixels (default: 1280x960)")
+    parser.add_argument("--size", type=benchmark.size, default=(1280, 960), metavar="WxH", help="pixels (default: 1280x960)")
     parser.add_argument("--view", choices=(*VIEWS, "all"), default="shaded", help="what to show (default: %(default)s)")
     camera = parser.add_argument_group("camera")
     camera.add_argument("--azimuth", type=float, default=30.0, help="degrees around the up axis (default: %(default)g)")
@@ -109,30 +128,40 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     camera.add_argument("--up", choices=("y", "z"), default="y", help="the model's up axis (default: %(default)s)")
     quality = parser.add_argument_group("quality")
     quality.add_argument(
-        "--supersample", type=_positive, default=2, metavar="N", help="NxN samples a pixel, shaded view only (default: 2)"
+        "--supersample",
+        type=benchmark.whole(1),
+        default=2,
+        metavar="N",
+        help="NxN samples a pixel, shaded view only (default: 2)",
     )
-    quality.add_argument("--cull", choices=("none", "back", "front"), default="none", help="faces not to draw (default: none)")
+    quality.add_argument("--cull", choices=CULLS, default="none", help="faces not to draw (default: none)")
     _add_execution(parser)
     parser.set_defaults(run=_render)
 
 
 def _add_execution(parser: argparse.ArgumentParser) -> None:
+    from .arrays import BACKENDS
+    from .benchmark import count
+
     group = parser.add_argument_group("execution (never changes a pixel)")
-    group.add_argument(
-        "--backend", choices=("auto", "reference", "native"), default="auto", help="default: native where it is built"
-    )
-    group.add_argument("--threads", type=_positive, metavar="N", help="threads to use (default: torch's)")
+    group.add_argument("--backend", choices=BACKENDS, default="auto", help="default: native where it is built")
+    group.add_argument("--threads", type=count, metavar="N", help="threads to use (default: torch's)")
 
 
 def _render(options: argparse.Namespace) -> int:
     _set_threads(options.threads)
+    from . import figure
     from .camera import Camera
+    from .reference.numerics import MAX_SIZE
     from .scene import load_scene
     from .views import VIEWS, picture
 
     _check_picture_path(options.out)
     started = time.perf_counter()
     width, height = options.size
+    most = MAX_SIZE // max(width, height)
+    if options.view in ("shaded", "all") and options.supersample > most:
+        raise ValueError(f"--supersample must be at most {most} at {width}x{height} px, got {options.supersample}")
     _say(f"reading {options.model}")
     scene = load_scene(options.model).with_(cull=options.cull)
     _say(f"{len(scene.triangles)} triangles, {len(scene.used_materials)} materials")
@@ -144,8 +173,7 @@ def _render(options: argparse.Namespace) -> int:
         path = options.out.with_stem(f"{options.out.stem}-{view}") if options.view == "all" else options.out
         _say(f"drawing {view}")
         drawn = picture(view, scene, camera, (height, width), backend=options.backend, supersample=options.supersample)
-        _write(path, drawn)
-        print(path)
+        print(figure.save(path, drawn))
     _say(f"done in {time.perf_counter() - started:.1f} s")
     return 0
 
@@ -190,13 +218,9 @@ def _check_picture_path(path: Path) -> None:
     if path.suffix.lower() not in kinds:
         raise ValueError(f"--out must end in {', '.join(kinds)}, got {path.name!r}")
     if not path.parent.is_dir():
-        raise ValueError(f"--out: there is no folder {path.parent}: make it first")
-
-
-def _write(path: Path, image: Any) -> None:
-    from skimage import io
-
-    io.imsave(path, image, check_contrast=False)
+        raise ValueError(f"--out must be in a folder that is there, got {path.parent}: make it first")
+    if path.is_dir():
+        raise ValueError(f"--out must be a file, got the folder {path}")
 
 
 def _set_threads(threads: int | None) -> None:
@@ -204,19 +228,6 @@ def _set_threads(threads: int | None) -> None:
         import torch
 
         torch.set_num_threads(threads)
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, cross, height = text.lower().partition("x")
-    if not (cross and width.isdecimal() and height.isdecimal() and 1 <= int(width) <= 16384 and 1 <= int(height) <= 16384):
-        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, 1 to 16384 each, such as 1920x1080, got {text!r}")
-    return int(width), int(height)
-
-
-def _positive(text: str) -> int:
-    if not (text.isdecimal() and int(text) >= 1):
-        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, got {text!r}")
-    return int(text)
 
 
 def _say(line: str) -> None:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import arrays, demo_scene, stages, views
+from . import arrays, demo_scene, figure, stages, views
 from .camera import Camera
 from .plan import plan_for
 from .rasterize import rasterize
-from .reference.numerics import BACKGROUND
+from .reference.numerics import BACKGROUND, MAX_SIZE
 from .render import Buffers, render
 from .scene import Scene
 
@@ -53,9 +53,10 @@ def run(
     timings += _render_timings(buffers.seconds)
 
     progress("drawing the pictures")
-    shaded = image if chosen == "reference" else render(scene, camera, resolution, backend=chosen, supersample=2)
+    smooth = chosen != "reference" and 2 * max(resolution) <= MAX_SIZE
+    shaded = render(scene, camera, resolution, backend=chosen, supersample=2) if smooth else image
     pictures = {"shaded": shaded, **_explained(scene, camera, buffers, image, chosen)}
-    paths = [_save(folder / f"{name}.png", picture) for name, picture in pictures.items()]
+    paths = [figure.save(folder / f"{name}.png", picture) for name, picture in pictures.items()]
     progress("")
     progress(table(timings))
     return paths
@@ -111,7 +112,7 @@ def _stage_timings(scene: Scene, positions: NDArray[np.float32], resolution: tup
     queue = candidates[kept]
     note(f"{len(candidates)} candidate bins, {len(queue)} kept; {len(small)} small records")
     touched, full = step("tile mask", lambda: stages.tile_mask(records, queue, backend=backend))
-    note(f"{_bits(touched)} tiles touched, {_bits(full)} of them fully covered")
+    note(f"{views.count_bits(touched)} tiles touched, {views.count_bits(full)} of them fully covered")
     spans = step("scanline", lambda: stages.scanline(records, queue, touched, small, backend=backend))
     note(f"{len(spans)} spans")
     depth = step("depth", lambda: stages.depth(records, spans, backend=backend))
@@ -132,14 +133,3 @@ def _timed(call: Callable[[], Any]) -> tuple[Any, float]:
     start = time.perf_counter()
     result = call()
     return result, time.perf_counter() - start
-
-
-def _bits(masks: NDArray[np.int64]) -> int:
-    return int(np.unpackbits(masks.view(np.uint8)).sum())
-
-
-def _save(path: Path, picture: NDArray[np.uint8]) -> Path:
-    from skimage import io
-
-    io.imsave(path, picture, check_contrast=False)
-    return path

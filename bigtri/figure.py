@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,18 @@ Mask = NDArray[np.bool_]
 
 _TEXT: Color = (240, 243, 248)
 _PANEL: Color = (16, 20, 30)
+
+
+def save(path: Path, image: Image) -> Path:
+    """Writes a picture uint8 [H, W, 3] in the format that the file's name says; returns the path.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    from skimage import io
+
+    io.imsave(path, image, check_contrast=False)
+    return path
 
 
 def ramp(stops: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -85,12 +98,13 @@ def with_color_bar(image: Image, stops: NDArray[np.float64], top: int, title: st
     size = _text_size(image)
     font, margin = _font(size), size
     panel = 4 * size + 2 * margin
-    length = min(width - 2 * margin, round(max(draw.textlength(title, font=font), 24 * size)))
+    # A picture may be narrower than its margins.
+    length = max(1, min(width - 2 * margin, round(max(draw.textlength(title, font=font), 24 * size))))
     draw.rectangle((0, height - panel, length + 2 * margin, height), fill=_PANEL)
     y = height - panel + margin
     draw.text((margin, y), title, fill=_TEXT, font=font)
     # One block per count while they can be told apart; then a smooth bar.
-    blocks = top if top <= 32 else length
+    blocks = top if top <= min(32, length) else length
     edges = np.rint(np.linspace(0, length, blocks + 1)).astype(int)
     shown = np.arange(1, blocks + 1) / blocks
     for left, right, color in zip(edges[:-1], edges[1:], np.rint(ramp(stops, shown)).astype(int), strict=True):

@@ -23,7 +23,7 @@ def describe() -> str:
         ("python", f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable})"),
         *((package, _version(package)) for package in ("torch", "numpy", "scikit-image", "trimesh", "pillow")),
         ("system", platform.platform()),
-        ("processor", f"{_cpu_name()}, {_usable_cpus()} of {os.cpu_count()} logical processors usable"),
+        ("processor", f"{cpu_name()}, {usable_cpus()} of {os.cpu_count()} logical processors usable"),
         ("instruction sets", ", ".join(_instruction_sets()) or "unknown"),
         ("torch threads", str(torch.get_num_threads())),
         ("torch CPU capability", torch.backends.cpu.get_cpu_capability()),
@@ -41,7 +41,8 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def _cpu_name() -> str:
+def cpu_name() -> str:
+    """What the processor calls itself."""
     for line in _cpuinfo():
         if line.lower().startswith(("model name", "hardware")):
             return line.partition(":")[2].strip()
@@ -61,7 +62,8 @@ def _cpuinfo() -> list[str]:
     return path.read_text(errors="replace").splitlines() if path.exists() else []
 
 
-def _usable_cpus() -> int:
+def usable_cpus() -> int:
+    """How many logical processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

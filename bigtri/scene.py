@@ -13,11 +13,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import Vector
+from . import arrays
+from .camera import Vector, vector
+from .rasterize import CULLS
 from .texture import FILTERS, WRAPS
 
-CULLS = ("none", "back", "front")
 FILE_KINDS = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+
+
+# Here, because Scene's default material is made when this file is read.
+def _choice(owner: str, name: str, value: Any, allowed: tuple[str, ...]) -> None:
+    if not isinstance(value, str):
+        raise TypeError(f"bigtri.{owner}: {name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+    arrays.choice(owner, name, value, allowed)
+
+
+def _checked(owner: str, name: str, value: Any, dtype: type[np.generic], *shape: int | str) -> NDArray[Any]:
+    """``value``, or a copy of it where torch could not share its memory: contiguous and writable."""
+    wanted = f"{np.dtype(dtype)} [{', '.join(map(str, shape))}]"
+    if not isinstance(value, np.ndarray) or value.dtype != dtype:
+        got = f"{value.dtype} {list(value.shape)}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise TypeError(f"bigtri.{owner}: {name} must be a NumPy array {wanted}, got {got}")
+    fits = value.ndim == len(shape) and all(isinstance(s, str) or s == n for s, n in zip(shape, value.shape, strict=True))
+    if not fits:
+        raise ValueError(f"bigtri.{owner}: {name} must be {wanted}, got {list(value.shape)}")
+    return np.require(value, requirements=("C", "A", "W"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +52,9 @@ class Material:
         vertex_colors: whether the scene's vertex colours apply.
         smooth: whether normals are interpolated from the vertices; otherwise each triangle is flat.
         two_sided: whether a back face is lit as if its normal pointed at the viewer. Open surfaces need it.
+
+    Raises:
+        TypeError, ValueError: an attribute that is not as said above; the text names it.
     """
 
     name: str = "material"
@@ -44,12 +67,19 @@ class Material:
     two_sided: bool = True
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise TypeError(f"bigtri.Material: name must be text, got {self.name!r}")
+        object.__setattr__(self, "base_color", vector("Material", "base_color", self.base_color))
         if self.texture is not None:
-            _check("Material", "texture", self.texture, np.float32, "Ht", "Wt", 3)
-        if self.wrap not in WRAPS:
-            raise ValueError(f"bigtri.Material: wrap must be one of {WRAPS}, got {self.wrap!r}")
-        if self.filter not in FILTERS:
-            raise ValueError(f"bigtri.Material: filter must be one of {FILTERS}, got {self.filter!r}")
+            texture = _checked("Material", "texture", self.texture, np.float32, "Ht", "Wt", 3)
+            if texture.size == 0:
+                raise ValueError(f"bigtri.Material: texture must have at least one texel, got {list(texture.shape)}")
+            object.__setattr__(self, "texture", texture)
+        _choice("Material", "wrap", self.wrap, WRAPS)
+        _choice("Material", "filter", self.filter, FILTERS)
+        for name in ("vertex_colors", "smooth", "two_sided"):
+            if not isinstance(getattr(self, name), bool | np.bool_):
+                raise TypeError(f"bigtri.Material: {name} must be True or False, got {getattr(self, name)!r}")
 
 
 @dataclass(frozen=True)
@@ -59,13 +89,17 @@ class Light:
     Attributes:
         direction: towards the light, world space; made a unit vector.
         color: linear red, green, blue.
+
+    Raises:
+        TypeError, ValueError: an attribute that is not three finite numbers, or a direction of no length.
     """
 
     direction: Vector
     color: Vector = (1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
-        x, y, z = self.direction
+        x, y, z = vector("Light", "direction", self.direction)
+        object.__setattr__(self, "color", vector("Light", "color", self.color))
         length = math.sqrt((x * x + y * y) + z * z)
         if not 0 < length < math.inf:
             raise ValueError(f"bigtri.Light: direction must be finite and not zero, got {self.direction}")
@@ -113,24 +147,30 @@ class Scene:
     cull: str = "none"
 
     def __post_init__(self) -> None:
+        self._keep_array("positions", np.float32, "V", 3)
+        self._keep_array("triangles", np.int32, "T", 3)
         vertices, faces = len(self.positions), len(self.triangles)
-        _check("Scene", "positions", self.positions, np.float32, "V", 3)
-        _check("Scene", "triangles", self.triangles, np.int32, "T", 3)
         for name, channels in (("normals", 3), ("uvs", 2), ("colors", 3)):
             if getattr(self, name) is not None:
-                _check("Scene", name, getattr(self, name), np.float32, vertices, channels)
+                self._keep_array(name, np.float32, vertices, channels)
         if self.material is None:
             object.__setattr__(self, "material", np.zeros(faces, np.int32))
-        _check("Scene", "material", self.material, np.int32, faces)
-        object.__setattr__(self, "materials", tuple(self.materials))
-        object.__setattr__(self, "lights", tuple(self.lights))
+        self._keep_array("material", np.int32, faces)
+        object.__setattr__(self, "materials", _all_of("materials", self.materials, Material))
+        object.__setattr__(self, "lights", _all_of("lights", self.lights, Light))
+        if not self.materials:
+            raise ValueError("bigtri.Scene: materials must hold at least one Material, got none")
+        object.__setattr__(self, "ambient", vector("Scene", "ambient", self.ambient))
+        object.__setattr__(self, "background", _background(self.background))
         for name, count, of in (("material", len(self.materials), "materials"), ("triangles", vertices, "positions")):
             indices = getattr(self, name)
             if faces and not (indices.min() >= 0 and indices.max() < count):
                 got = f"indices from {indices.min()} to {indices.max()}"
                 raise ValueError(f"bigtri.Scene: {name} must index the {count} {of}, got {got}")
-        if self.cull not in CULLS:
-            raise ValueError(f"bigtri.Scene: cull must be one of {CULLS}, got {self.cull!r}")
+        _choice("Scene", "cull", self.cull, CULLS)
+
+    def _keep_array(self, name: str, dtype: type[np.generic], *shape: int | str) -> None:
+        object.__setattr__(self, name, _checked("Scene", name, getattr(self, name), dtype, *shape))
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -153,8 +193,11 @@ def merge(scenes: Sequence[Scene]) -> Scene:
     """One scene with the geometry and materials of all; lights, ambient light, background and culling are the first one's.
 
     Raises:
+        TypeError: something that is no Scene.
         ValueError: no scene at all.
     """
+    if wrong := [type(scene).__name__ for scene in scenes if not isinstance(scene, Scene)]:
+        raise TypeError(f"bigtri.merge: scenes must hold Scene alone, got {', '.join(wrong)}")
     if not scenes:
         raise ValueError("bigtri.merge: scenes must hold at least one scene, got none")
     vertex_offset = np.cumsum([0] + [len(s.positions) for s in scenes])
@@ -194,11 +237,15 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     Raises:
         FileNotFoundError: no such file.
         ImportError: trimesh is not installed.
+        TypeError: path is none.
         ValueError: the file is of another kind, cannot be read, or holds no triangles.
     """
-    path = Path(path)
+    try:
+        path = Path(path)
+    except TypeError:
+        raise TypeError(f"bigtri.load_scene: path must be a path, got {path!r}") from None
     kind = path.suffix.lower()
-    if not path.is_file():
+    if not os.path.isfile(path):  # Path.is_file raises for a name that is too long
         raise FileNotFoundError(f"bigtri.load_scene: no such file: {path}")
     if kind not in FILE_KINDS:
         kinds = ", ".join(FILE_KINDS)
@@ -211,13 +258,13 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         # Processing would merge vertices that differ in texture coordinates or normals.
         loaded = trimesh.load_scene(str(path), process=False)
     except Exception as error:
-        raise ValueError(f"bigtri.load_scene: {path} cannot be read as {kind[1:]}: {error}") from error
+        raise ValueError(f"bigtri.load_scene: {path} cannot be read as {kind[1:]}: {_reason(error)}") from error
     if kind == ".obj":
         _warn_of_missing_materials(path)
     try:
-        return from_trimesh(loaded, linear_colors=kind in (".glb", ".gltf"))
-    except ValueError as error:
-        raise ValueError(f"bigtri.load_scene: {path}: {error}") from error
+        return _merged_parts(loaded, linear_colors=kind in (".glb", ".gltf"))
+    except Exception as error:  # trimesh works much out only when it is asked for, and a broken file breaks it in any way
+        raise ValueError(f"bigtri.load_scene: {path}: {_reason(error)}") from error
 
 
 def from_trimesh(loaded: Any, linear_colors: bool = False) -> Scene:
@@ -228,8 +275,20 @@ def from_trimesh(loaded: Any, linear_colors: bool = False) -> Scene:
         linear_colors: whether vertex colours are linear, as in glTF, instead of sRGB.
 
     Raises:
-        ValueError: no triangles.
+        TypeError: something else.
+        ValueError: no triangles, or some that do not index the vertices.
     """
+    import trimesh
+
+    if not isinstance(loaded, trimesh.Scene | trimesh.Trimesh):
+        raise TypeError(f"bigtri.from_trimesh: loaded must be a trimesh.Scene or trimesh.Trimesh, got {type(loaded).__name__}")
+    try:
+        return _merged_parts(loaded, linear_colors)
+    except ValueError as error:
+        raise ValueError(f"bigtri.from_trimesh: {error}") from error
+
+
+def _merged_parts(loaded: Any, linear_colors: bool) -> Scene:
     from .trimesh_parts import parts_of
 
     parts = parts_of(loaded, linear_colors)
@@ -238,11 +297,17 @@ def from_trimesh(loaded: Any, linear_colors: bool = False) -> Scene:
     return merge(parts)
 
 
+def _reason(error: Exception) -> str:
+    """What an error says in one line; its kind, where it says nothing that a reader would understand."""
+    text = " ".join(str(error).split())
+    return text if isinstance(error, ValueError | OSError) and text else f"{type(error).__name__}: {text}".removesuffix(": ")
+
+
 def _warn_of_missing_materials(path: Path) -> None:
     with open(path, errors="replace") as lines:
         names = [line.split(None, 1)[1].strip() for line in lines if line.startswith("mtllib ") and len(line.split()) > 1]
     for name in names:
-        if not (path.parent / name).is_file():
+        if not os.path.isfile(path.parent / name):
             warnings.warn(f"{path} refers to {name}, which is not beside it: its materials are drawn grey", stacklevel=3)
 
 
@@ -258,11 +323,20 @@ def _without_missing(material: Material, scene: Scene) -> Material:
     return replace(material, **missing) if missing else material
 
 
-def _check(owner: str, name: str, value: Any, dtype: type[np.generic], *shape: int | str) -> None:
-    wanted = f"{np.dtype(dtype)} [{', '.join(map(str, shape))}]"
-    if not isinstance(value, np.ndarray) or value.dtype != dtype:
-        got = f"{value.dtype} {list(value.shape)}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise TypeError(f"bigtri.{owner}: {name} must be a NumPy array {wanted}, got {got}")
-    fits = value.ndim == len(shape) and all(isinstance(s, str) or s == n for s, n in zip(shape, value.shape, strict=True))
-    if not fits:
-        raise ValueError(f"bigtri.{owner}: {name} must be {wanted}, got {list(value.shape)}")
+def _all_of(name: str, value: Any, kind: type) -> tuple[Any, ...]:
+    """A scene's materials or lights as a tuple."""
+    try:
+        items = tuple(value)
+    except TypeError:
+        raise TypeError(f"bigtri.Scene: {name} must be a sequence of {kind.__name__}, got {value!r}") from None
+    if wrong := [item for item in items if not isinstance(item, kind)]:
+        raise TypeError(f"bigtri.Scene: {name} must be a sequence of {kind.__name__}, got {wrong[0]!r} in it")
+    return items
+
+
+def _background(value: Any) -> tuple[Vector, Vector]:
+    try:
+        top, bottom = value
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"bigtri.Scene: background must be two colours, at the top and at the bottom, got {value!r}") from None
+    return vector("Scene", "background", top), vector("Scene", "background", bottom)

@@ -24,17 +24,21 @@ may land one sub-pixel away.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .reference.numerics import MAX_SIZE
+
 SEED = 1000
 SUBPIXELS = 256
 MESH_CELL = 4.5  # px: a cell is two triangles of 4.5^2 / 2 = 10 px
 MESH_CELL_200K = 40.0**0.5  # px: two triangles of 20 px
 MAX_DRAWS = 100_000  # rejection sampling gives up here: the screen is too small for the scene
+MAX_LAYERS = 10_000  # of small_mesh: more is for screens of a few px, and takes minutes
 
 
 class Scene(NamedTuple):
@@ -52,7 +56,12 @@ class Mesh(NamedTuple):
 
 
 def make(name: str, width: int, height: int, seed: int = SEED) -> Scene:
-    """The scene `name` (a key of `SCENES`) for a width x height px image, as clip-space positions and indices."""
+    """The scene `name` (a key of `SCENES`) for a width x height px image, as clip-space positions and indices.
+
+    Raises:
+        TypeError: a size or a seed that is no integer.
+        ValueError: no such scene, a size outside of 1 to 16384 px or too small for the scene, or a negative seed.
+    """
     return to_clip(pixel_mesh(name, width, height, seed), width, height)
 
 
@@ -65,7 +74,15 @@ def pixels(name: str, width: int, height: int, seed: int = SEED) -> NDArray[np.f
 def pixel_mesh(name: str, width: int, height: int, seed: int = SEED) -> Mesh:
     """The same triangles as an indexed mesh in pixel space, before rounding to float32."""
     if name not in SCENES:
-        raise KeyError(f"bigtri::scenes: no scene {name!r}, there are {', '.join(SCENES)}")
+        raise ValueError(f"bigtri.scenes: name must be one of {', '.join(SCENES)}, got {name!r}")
+    for argument, value, low, high in (("width", width, 1, MAX_SIZE), ("height", height, 1, MAX_SIZE), ("seed", seed, 0, None)):
+        allowed = f"an integer of at least {low}" if high is None else f"an integer from {low} to {high}"
+        try:
+            number = operator.index(value)
+        except TypeError:
+            raise TypeError(f"bigtri.scenes: {argument} must be {allowed}, got {value!r}") from None
+        if number < low or (high is not None and number > high):
+            raise ValueError(f"bigtri.scenes: {argument} must be {allowed}, got {value!r}")
     # Above 2000 px a scene is another draw, not a magnified one: sizes in px mean the same at every resolution.
     return SCENES[name].build(width, height, seed + (width > 2000))
 
@@ -108,7 +125,7 @@ def tilted(rng: np.random.Generator, count: int, slope: float) -> NDArray[np.flo
 
 
 def too_small(what: str, width: int, height: int) -> ValueError:
-    return ValueError(f"bigtri::scenes: {width} x {height} px is too small for {what}")
+    return ValueError(f"bigtri.scenes: size must have room for {what}, got {width}x{height} px, which is too small")
 
 
 def visible_area(triangle: NDArray[np.float64], width: int, height: int) -> float:
@@ -134,6 +151,8 @@ def visible_area(triangle: NDArray[np.float64], width: int, height: int) -> floa
 
 def large(count: int, width: int, height: int, seed: int, area: tuple[float, float] = (4_000, 40_000)) -> Mesh:
     """Triangles wholly on the screen, no angle below 15 degrees, area log-uniform over `area` px."""
+    if area[0] > width * height / 2:  # no triangle fits; said at once
+        raise too_small(f"triangles of {area[0]} to {area[1]} px", width, height)
     rng = np.random.default_rng(seed)
     found: list[NDArray[np.float64]] = []
     # One triangle at a time: a normal variate takes a varying number of draws, so a batch would be another scene.
@@ -159,11 +178,13 @@ def very_large(count: int, width: int, height: int, seed: int) -> Mesh:
     """Vertices up to half a screen outside; more than a quarter of the screen is inside each triangle."""
     rng = np.random.default_rng(seed)
     found: list[NDArray[np.float64]] = []
-    while len(found) < count:
+    for _ in range(MAX_DRAWS):
         triangle = rng.uniform([-0.5 * width, -0.5 * height], [1.5 * width, 1.5 * height], (3, 2))
         if visible_area(triangle, width, height) > 0.25 * width * height:
             found.append(triangle)
-    return soup(np.array(found), tilted(rng, count, 0.05))
+            if len(found) == count:
+                return soup(np.array(found), tilted(rng, count, 0.05))
+    raise too_small(f"{count} triangles that show a quarter of it", width, height)
 
 
 def full_screen(count: int, width: int, height: int, seed: int, back_to_front: bool) -> Mesh:
@@ -183,6 +204,8 @@ def full_screen(count: int, width: int, height: int, seed: int, back_to_front: b
 
 def slivers(count: int, width: int, height: int, seed: int) -> Mesh:
     """Right triangles: a long side of 1400 to 1600 px in any direction, a short side of 1 to 2 px."""
+    if min(width, height) < 4 or np.hypot(width - 4, height - 4) <= 1400:  # said at once
+        raise too_small("slivers of 1500 px", width, height)
     rng = np.random.default_rng(seed)
     starts, ends, lengths = [], [], []
     found = 0
@@ -211,6 +234,8 @@ def small_mesh(count: int, width: int, height: int, seed: int, cell: float = MES
     """
     rng = np.random.default_rng(seed)
     columns, rows = int(np.ceil(width / cell)), int(np.ceil(height / cell))
+    if count > MAX_LAYERS * 2 * columns * rows:
+        raise too_small(f"{count} triangles in {MAX_LAYERS} layers of cells of {cell:g} px", width, height)
     layers = int(np.ceil(count / (2 * columns * rows)))
     column_x, row_y = np.arange(columns + 1) * (width / columns), np.arange(rows + 1) * (height / rows)
     vertices, triangles, base, left = [], [], 0, count
@@ -229,6 +254,13 @@ def small_mesh(count: int, width: int, height: int, seed: int, cell: float = MES
         base += index.size
         left -= len(triangles[-1])
     return clockwise(np.concatenate(vertices), np.concatenate(triangles).astype(np.int32, copy=False))
+
+
+def layers_of(area: float, width: int, height: int, layers: int) -> Mesh:
+    """Whole layers of `small_mesh`, triangles of about `area` px."""
+    cell = (2 * area) ** 0.5  # px
+    columns, rows = int(np.ceil(width / cell)), int(np.ceil(height / cell))
+    return small_mesh(layers * 2 * columns * rows, width, height, SEED, cell)
 
 
 def joined(first: Mesh, second: Mesh) -> Mesh:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import Vector
+from .camera import Vector, affine
 from .normals import is_closed, split_normals
 from .reference.shading import decode_table
 from .scene import Material, Scene
@@ -32,8 +32,18 @@ def parts_of(loaded: Any, linear_colors: bool) -> list[Scene]:
 
 
 def _part(name: str, mesh: Any, transform: NDArray[np.float64], linear_colors: bool) -> Scene:
-    positions = _transformed(np.asarray(mesh.vertices, np.float64), transform).astype(np.float32)
-    triangles = np.asarray(mesh.faces).astype(np.int32)
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    # trimesh hands on what a file says.
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise ValueError(f"{name}: vertices must be [V, 3], got {list(vertices.shape)}")
+    if faces.ndim != 2 or faces.shape[1] != 3:
+        raise ValueError(f"{name}: faces must be [T, 3], got {list(faces.shape)}")
+    if not (faces.min() >= 0 and faces.max() < len(vertices)):
+        raise ValueError(
+            f"{name}: faces must index the {len(vertices)} vertices, got indices from {faces.min()} to {faces.max()}"
+        )
+    positions = np.stack([affine(row, vertices) for row in transform[:3]], axis=1).astype(np.float32)
+    triangles = faces.astype(np.int32)
     # A mirrored node would show its back faces.
     mirrored = np.linalg.det(transform[:3, :3]) < 0
     if mirrored:
@@ -63,11 +73,6 @@ def _part(name: str, mesh: Any, transform: NDArray[np.float64], linear_colors: b
         colors=None if colors is None else colors[source],
         materials=(material,),
     )
-
-
-def _transformed(points: NDArray[np.float64], transform: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y, z = points[:, 0], points[:, 1], points[:, 2]
-    return np.stack([((m[0] * x + m[1] * y) + m[2] * z) + m[3] for m in transform[:3]], axis=1)
 
 
 def _transformed_normals(normals: NDArray[np.float64], transform: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -186,7 +186,7 @@ def bins(
     image = figure.tint(image, figure.grow(considered > 0, BIN, (height, width)) & border, _KEPT, 0.5)
 
     image = _outlined(image, records) if triangle is not None else figure.labelled_bins(image, used, considered, BIN)
-    fully, partly = _bits(full), _bits(touched & ~full)
+    fully, partly = count_bits(full), count_bits(touched & ~full)
     dropped = len(candidates) - len(queue)
     share = f" ({100 * dropped / len(candidates):.0f} %)" if len(candidates) else ""
     entries = [
@@ -213,8 +213,9 @@ def _any_tile(queue: NDArray[np.int32], masks: NDArray[np.int64], columns: int, 
     return (bits.reshape(rows, columns, 8, 8).transpose(0, 2, 1, 3).reshape(8 * rows, 8 * columns)) != 0
 
 
-def _bits(masks: NDArray[np.int64]) -> int:
-    return int(((masks[:, None] >> np.arange(64)) & 1).sum())
+def count_bits(masks: NDArray[np.int64]) -> int:
+    """How many tiles are set in masks [N] together."""
+    return int(np.unpackbits(np.ascontiguousarray(masks).view(np.uint8)).sum())
 
 
 def _outlined(image: NDArray[np.uint8], records: Records) -> NDArray[np.uint8]:

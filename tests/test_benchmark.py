@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 import dataclasses
 from pathlib import Path
@@ -31,6 +32,55 @@ def test_summary() -> None:
 @pytest.mark.parametrize("text, value", [("1920x1080", (1920, 1080)), ("4K", (3840, 2160)), ("16k", (15360, 8640))])
 def test_size(text: str, value: tuple[int, int]) -> None:
     assert benchmark.size(text) == value
+
+
+@pytest.mark.parametrize("text", ["80", "0x9", "9x0", "16385x9", "9x99999", "-1x9", "1x2x3", "x", "1.5x2", "", "9" * 5000 + "x1"])
+def test_sizes_that_are_none(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="must be WIDTHxHEIGHT, 1 to 16384 each"):
+        benchmark.size(text)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--size", "10x10", "--scenes", "S3,S1"], "size must have room for triangles of 4000 to 40000 px, got 10x10 px"),
+        (["--size", "0x0", "--scenes", "S3"], "argument --size: must be WIDTHxHEIGHT"),
+        (["--size", "99999x10"], "argument --size: must be WIDTHxHEIGHT"),
+        (["--seed", "-9999"], "argument --seed: must be a whole number of at least 0, got '-9999'"),
+        (["--threads", "100000000000"], "argument --threads: must be a whole number from 1 to 1024"),
+        (["--threads", "two"], "argument --threads: must be a whole number from 1 to 1024"),
+        (["--seconds", "nan"], "argument --seconds: must be a number of seconds of at least 0"),
+        (["--csv", "{folder}"], "argument --csv: must be a file, got the folder"),
+        (["--csv", "{folder}/file/x.csv"], "argument --csv: must be in a folder"),
+        (["--variant", "none"], "variant must be one of"),
+    ],
+)
+@needs_extension
+def test_a_wrong_command_line_measures_nothing(
+    options: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(benchmark, "measure", lambda *_: pytest.fail("measured"))
+    with pytest.raises(SystemExit) as stopped:
+        benchmark.main([option.format(folder=tmp_path) for option in options])
+    assert stopped.value.code == 2
+    assert text in capsys.readouterr().err
+
+
+def test_csv_has_the_digits_asked_for(tmp_path: Path) -> None:
+    @dataclasses.dataclass
+    class Row:
+        name: str
+        ms: float | None
+
+    benchmark.write_csv(tmp_path / "new" / "rows.csv", [Row("a", 1 / 3), Row("b", None)], digits=3)
+    assert (tmp_path / "new" / "rows.csv").read_text() == "name,ms\na,0.333\nb,\n"
+    assert benchmark.read_csv(tmp_path / "new" / "rows.csv")[0] == {"name": "a", "ms": "0.333"}
+
+
+def test_ids() -> None:
+    packed = np.array([[benchmark.BACKGROUND, 5, (7 << 32) | 3]])
+    assert benchmark.ids(packed).tolist() == [[-1, 5, 3]] and benchmark.ids(packed).dtype == np.int32
 
 
 @needs_extension

@@ -16,7 +16,7 @@ import pytest
 import torch
 
 import bigtri
-from bigtri import native, scenes
+from bigtri import benchmark, native, scenes
 
 BENCH = Path(__file__).parent.parent / "bench"
 if not BENCH.exists():
@@ -378,8 +378,8 @@ def test_pictures_are_made(tmp_path: Path) -> None:
     rows = [
         row(name, us, scene=scene) for scene in ("S1", "S3") for name, us in (("memset", 7), ("floor list", 9), ("bin_owned", 10))
     ]
-    cuda_clock.write_csv(tmp_path / "run.csv", rows)
-    plot.scene_bars(plot.read(tmp_path / "run.csv"), tmp_path)
+    benchmark.write_csv(tmp_path / "run.csv", rows, cuda_clock.DIGITS)
+    plot.scene_bars(benchmark.read_csv(tmp_path / "run.csv"), tmp_path)
     assert (tmp_path / "cuda_scenes_1920x1080.png").stat().st_size > 1000
     todo = cuda_scaling.ways(("bin_owned",))
     points = [
@@ -390,9 +390,9 @@ def test_pictures_are_made(tmp_path: Path) -> None:
     ]
     for point in points:
         point.kind = "10 px"
-    cuda_clock.write_csv(tmp_path / "scaling.csv", points)
-    plot.scaling(plot.read(tmp_path / "scaling.csv"), tmp_path)
-    plot.threshold(plot.read(tmp_path / "scaling.csv"), tmp_path)
+    benchmark.write_csv(tmp_path / "scaling.csv", points, cuda_clock.DIGITS)
+    plot.scaling(benchmark.read_csv(tmp_path / "scaling.csv"), tmp_path)
+    plot.threshold(benchmark.read_csv(tmp_path / "scaling.csv"), tmp_path)
     assert (tmp_path / "cuda_scaling.png").exists() and (tmp_path / "cuda_threshold.png").exists()
 
 

@@ -88,8 +88,12 @@ def test_framing_shows_all_of_the_bounds(aspect):
         ({"fov_y": 180}, "fov_y must be in"),
         ({"near": 0}, "near and far must satisfy"),
         ({"near": 2, "far": 1}, "near and far must satisfy"),
-        ({"eye": (0, 0)}, "eye must be three numbers"),
-        ({"eye": (0, 0, math.nan)}, "eye must be finite"),
+        ({"eye": (0, 0)}, "eye must be three finite numbers"),
+        ({"eye": (0, 0, math.nan)}, "eye must be three finite numbers"),
+        ({"fov_y": math.nan}, "fov_y must be a finite number"),
+        ({"fov_y": 5e-324}, "fov_y must be in"),
+        ({"far": math.inf}, "far must be a finite number"),
+        ({"near": 10**400}, "near must be a finite number"),
     ],
 )
 def test_degenerate_cameras(arguments, text):
@@ -97,7 +101,47 @@ def test_degenerate_cameras(arguments, text):
         Camera(**{"eye": (0, 0, 5), "target": (0, 0, 0), **arguments})
 
 
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"fov_y": "40"}, "fov_y must be a finite number, got '40'"),
+        ({"near": "1"}, "near must be a finite number"),
+        ({"far": [9, 9]}, "far must be a finite number"),
+        ({"eye": None}, "eye must be three finite numbers"),
+        ({"up": ("0", "1", "0")}, "up must be three finite numbers"),
+    ],
+)
+def test_what_is_no_number(arguments, text):
+    with pytest.raises(TypeError, match="bigtri.Camera: " + text):
+        Camera(**{"eye": (0, 0, 5), "target": (0, 0, 0), **arguments})
+
+
+def test_numbers_of_numpy_are_numbers():
+    camera = Camera(np.array([0, 0, 5]), (0, 0, 0), fov_y=np.float32(40), near=np.int64(1), far=np.float32(9))
+    assert camera == Camera((0, 0, 5), (0, 0, 0), fov_y=40, near=1, far=9)
+
+
 def test_errors_of_methods():
+    for azimuth, error in ((math.inf, ValueError), ("30", TypeError)):
+        with pytest.raises(error, match="bigtri.Camera.orbit: azimuth must be a finite number"):
+            Camera.orbit((0, 0, 0), 1, azimuth)
+    with pytest.raises(TypeError, match="radius must be a finite number"):
+        Camera.orbit((0, 0, 0), "1")
+    with pytest.raises(TypeError, match="elevation must be a finite number"):
+        Camera.orbit((0, 0, 0), 1, 0, None)
+    with pytest.raises(TypeError, match="aspect must be a finite number"):
+        CAMERA.matrix("1")
+    with pytest.raises(TypeError, match="points must be an array of numbers"):
+        CAMERA.transform([("a", "b", "c")], 1)
+    for bounds, error, text in (
+        (None, TypeError, "an array of numbers"),
+        ([(0, 0, 0), (1, 1)], TypeError, "an array of numbers"),
+        ([(0, 0, 0)], ValueError, r"\[2, 3\], got \[1, 3\]"),
+        ([(0, 0, 0), (1, 1, math.inf)], ValueError, "three finite numbers"),
+        ([(0, 0, 0), (1e200, 0, 0)], ValueError, "a diagonal below"),
+    ):
+        with pytest.raises(error, match="bigtri.Camera.framing: bounds must (be|have) " + text):
+            Camera.framing(bounds)
     with pytest.raises(ValueError, match="aspect must be positive"):
         CAMERA.matrix(0)
     with pytest.raises(ValueError, match=r"points must be \[V, 3\], got \[3\]"):

@@ -52,14 +52,20 @@ def test_backends_draw_the_same(model, tmp_path):
         (["nowhere.glb", "-o", "x.png"], "no such file: nowhere.glb"),
         (["{model}", "-o", "x.gif"], "--out must end in .png"),
         (["{model}", "-o", "no/such/folder/x.png"], "make it first"),
+        (["{model}", "-o", "{folder}/folder.png"], "--out must be a file"),
+        (["{folder}/two.obj", "-o", "{folder}/x.png"], "vertices must be [V, 3], got [3, 2]"),
         (["{model}", "-o", "{folder}/x.png", "--fov", "200"], "fov_y must be in"),
+        (["{model}", "-o", "{folder}/x.png", "--azimuth", "inf"], "azimuth must be a finite number"),
+        (["{model}", "-o", "{folder}/x.png", "--size", "4096x9", "--supersample", "5"], "--supersample must be at most 4"),
         (["{model}", "-o", "{folder}/x.png", "--elevation", "95"], "elevation must be in"),
     ],
 )
-def test_what_cannot_be_done_exits_with_1(model, tmp_path, capsys, arguments, text):
-    assert cli.main(["render", *(a.format(model=model, folder=tmp_path) for a in arguments)]) == 1
+def test_wrong_input_exits_with_2(model, tmp_path, capsys, arguments, text):
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "two.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
+    assert cli.main(["render", *(a.format(model=model, folder=tmp_path) for a in arguments)]) == 2
     error = capsys.readouterr().err
-    assert text in error and "bigtri render: " in error and "Traceback" not in error
+    assert text in error and error.splitlines()[-1].startswith("bigtri render: ") and "Traceback" not in error
 
 
 @pytest.mark.parametrize(
@@ -72,6 +78,9 @@ def test_what_cannot_be_done_exits_with_1(model, tmp_path, capsys, arguments, te
         ["render", "m.glb", "-o", "x.png", "--size", "0x9"],
         ["render", "m.glb", "-o", "x.png", "--view", "none"],
         ["render", "m.glb", "-o", "x.png", "--supersample", "0"],
+        ["render", "m.glb", "-o", "x.png", "--threads", "100000000000"],
+        ["bench", "--scenes", "S1", "--size", "10x10"],
+        ["hard-cases", "--csv", "."],
     ],
 )
 def test_a_wrong_command_line_exits_with_2(arguments, capsys):
@@ -79,6 +88,23 @@ def test_a_wrong_command_line_exits_with_2(arguments, capsys):
         cli.main(arguments)
     assert stopped.value.code == 2
     assert "usage: bigtri" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(ValueError("a\nb"), 2), (OSError("x"), 2), (RuntimeError("x"), 1), (MemoryError(), 1)]
+)
+def test_errors_are_one_line(monkeypatch, capsys, error, code):
+    def fail(argv):
+        raise error
+
+    monkeypatch.setattr(benchmark, "main", fail)
+    assert cli.main(["bench"]) == code
+    assert capsys.readouterr().err in ("bigtri bench: a b\n", "bigtri bench: x\n", "bigtri bench: MemoryError\n")
+
+
+def test_every_view_of_few_pixels(model, tmp_path):
+    assert cli.main(["render", str(model), "-o", str(tmp_path / "v.png"), "--size", "18x40", "--view", "all"]) == 0
+    assert io.imread(tmp_path / "v-overdraw.png").shape == (40, 18, 3)
 
 
 def test_warnings_are_one_line(tmp_path, capsys):

@@ -1,11 +1,14 @@
 """Scenes from files that the tests write themselves, merging, and normals."""
 
+import json
+import warnings
+
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
 
-from bigtri import Scene, load_scene
+from bigtri import Camera, Scene, load_scene, render, trimesh_parts
 from bigtri.normals import face_normals, is_closed, split_normals
 from bigtri.reference.shading import decode_table
 from bigtri.scene import Light, Material, from_trimesh, merge
@@ -210,6 +213,17 @@ def test_from_trimesh_takes_a_mesh():
         ({"normals": np.zeros((2, 3), np.float32)}, ValueError, r"normals must be float32 \[3, 3\]"),
         ({"material": np.array([1], np.int32)}, ValueError, "material must index the 1 materials"),
         ({"cull": "both"}, ValueError, "cull must be one of"),
+        ({"cull": None}, TypeError, "cull must be one of"),
+        ({"positions": None}, TypeError, r"positions must be a NumPy array float32 \[V, 3\], got NoneType"),
+        ({"triangles": None}, TypeError, "triangles must be a NumPy array int32"),
+        ({"materials": ()}, ValueError, "materials must hold at least one Material"),
+        ({"materials": ["red"]}, TypeError, "materials must be a sequence of Material, got 'red' in it"),
+        ({"lights": None}, TypeError, "lights must be a sequence of Light"),
+        ({"lights": ((0, 0, 1),)}, TypeError, "lights must be a sequence of Light"),
+        ({"ambient": None}, TypeError, "ambient must be three finite numbers"),
+        ({"ambient": (1, 2)}, ValueError, "ambient must be three finite numbers"),
+        ({"background": (1, 2, 3)}, ValueError, "background must be two colours"),
+        ({"background": ((1, 2, 3), (1, 2, np.nan))}, ValueError, "background must be three finite numbers"),
     ],
 )
 def test_scene_errors(change, error, text):
@@ -217,12 +231,92 @@ def test_scene_errors(change, error, text):
         Scene(**{"positions": np.zeros((3, 3), np.float32), "triangles": np.array([(0, 1, 2)], np.int32), **change})
 
 
-def test_other_errors():
-    with pytest.raises(ValueError, match="bigtri.Light: direction must be finite and not zero"):
-        Light((0, 0, 0))
-    with pytest.raises(ValueError, match="bigtri.Material: wrap"):
-        Material(wrap="mirror")
-    with pytest.raises(ValueError, match="bigtri.Material: filter"):
-        Material(filter="cubic")
-    with pytest.raises(TypeError, match="texture must be a NumPy array float32"):
-        Material(texture=np.zeros((2, 2, 3), np.uint8))
+@pytest.mark.parametrize(
+    ("make", "error", "text"),
+    [
+        (lambda: Light((0, 0, 0)), ValueError, "Light: direction must be finite and not zero"),
+        (lambda: Light(None), TypeError, "Light: direction must be three finite numbers"),
+        (lambda: Light((0, 0, 1), (1, 1)), ValueError, "Light: color must be three finite numbers"),
+        (lambda: Material(wrap="mirror"), ValueError, "Material: wrap"),
+        (lambda: Material(filter="cubic"), ValueError, "Material: filter"),
+        (lambda: Material(base_color="red"), TypeError, "Material: base_color must be three finite numbers"),
+        (lambda: Material(base_color=(1, 1, np.inf)), ValueError, "Material: base_color must be three finite numbers"),
+        (lambda: Material(smooth=None), TypeError, "Material: smooth must be True or False"),
+        (lambda: Material(name=1), TypeError, "Material: name must be text"),
+        (lambda: Material(texture=np.zeros((2, 2, 3), np.uint8)), TypeError, "Material: texture must be a NumPy array float32"),
+        (lambda: Material(texture=np.zeros((0, 2, 3), np.float32)), ValueError, "Material: texture must have at least one texel"),
+        (lambda: merge([1]), TypeError, "merge: scenes must hold Scene alone, got int"),
+        (lambda: from_trimesh(1), TypeError, "from_trimesh: loaded must be a trimesh.Scene or trimesh.Trimesh"),
+        (lambda: load_scene(None), TypeError, "load_scene: path must be a path"),
+    ],
+)
+def test_other_errors(make, error, text):
+    with pytest.raises(error, match="bigtri." + text):
+        make()
+
+
+def test_arrays_of_any_strides_are_drawn():
+    """What torch cannot share memory with is copied."""
+    positions = np.array([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], np.float32)
+    triangles, uvs = np.array([(2, 1, 0)], np.int32), positions[:, :2].copy()
+    texture = np.random.default_rng(0).random((4, 5, 3), np.float32)
+    camera = Camera((0, 0, 3), (0, 0, 0))
+    read_only = positions.copy()
+    read_only.flags.writeable = False
+    plain = Scene(positions, triangles[:, ::-1].copy(), uvs=uvs, materials=(Material(texture=texture[::-1].copy()),))
+    strided = Scene(read_only, triangles[:, ::-1], uvs=positions[:, :2], materials=(Material(texture=texture[::-1]),))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.array_equal(render(strided, camera, (30, 40)), render(plain, camera, (30, 40)))
+    assert plain.positions is positions and plain.uvs is uvs  # what can be shared is
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 {index}
+"""
+
+
+@pytest.mark.parametrize("index", [7, -1])
+def test_an_index_out_of_range_in_a_ply(tmp_path, index):
+    (tmp_path / "bad.ply").write_text(PLY.format(index=index))
+    with pytest.raises(ValueError, match=r"bigtri.load_scene: .*bad.ply: .*faces must index the 3 vertices, got indices from"):
+        load_scene(tmp_path / "bad.ply")
+
+
+def test_an_index_out_of_range_in_a_glb(tmp_path):
+    data = bytearray(trimesh.creation.box().export(file_type="glb"))
+    length = int.from_bytes(data[12:16], "little")
+    head = json.loads(data[20 : 20 + length])
+    indices = head["accessors"][head["meshes"][0]["primitives"][0]["indices"]]
+    start = 20 + length + 8 + head["bufferViews"][indices["bufferView"]].get("byteOffset", 0)
+    data[start : start + 4] = (9999).to_bytes(4, "little")
+    (tmp_path / "bad.glb").write_bytes(data)
+    with pytest.raises(ValueError, match="bigtri.load_scene: .*faces must index the 8 vertices, got indices from 0 to 9999"):
+        load_scene(tmp_path / "bad.glb")
+
+
+def test_vertices_of_two_coordinates_in_an_obj(tmp_path):
+    (tmp_path / "flat.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
+    with pytest.raises(ValueError, match=r"bigtri.load_scene: .*vertices must be \[V, 3\], got \[3, 2\]"):
+        load_scene(tmp_path / "flat.obj")
+
+
+def test_whatever_the_loader_raises_is_a_value_error(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise KeyError("accessors")
+
+    trimesh.creation.box().export(tmp_path / "box.ply")
+    monkeypatch.setattr(trimesh_parts, "parts_of", fail)
+    with pytest.raises(ValueError, match="bigtri.load_scene: .*box.ply: KeyError: 'accessors'"):
+        load_scene(tmp_path / "box.ply")

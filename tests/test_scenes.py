@@ -108,7 +108,25 @@ def test_16k() -> None:
 
 
 def test_errors() -> None:
-    with pytest.raises(KeyError, match="no scene 'S9'"):
+    with pytest.raises(ValueError, match="name must be one of S1, .*got 'S9'"):
         scenes.make("S9", 64, 64)
-    with pytest.raises(ValueError, match="too small"):
-        scenes.make("S5", 256, 256)
+    for size in ((0, 64), (64, 16385)):
+        with pytest.raises(ValueError, match="must be an integer from 1 to 16384"):
+            scenes.make("S3", *size)
+    with pytest.raises(ValueError, match="seed must be an integer of at least 0, got -1"):
+        scenes.make("S3", 64, 64, -1)
+    with pytest.raises(TypeError, match="width must be an integer .*got 64.0"):
+        scenes.make("S3", 64.0, 64)
+
+
+@pytest.mark.parametrize("name", ["S1", "S5", "S6", "S6-200k", "S7"])
+@pytest.mark.parametrize("size", [(1, 1), (3, 3), (10, 10)])
+def test_an_image_that_is_too_small_is_refused_at_once(name: str, size: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match="which is too small"):
+        scenes.make(name, *size)
+
+
+def test_the_search_for_very_large_triangles_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scenes, "MAX_DRAWS", 50)
+    with pytest.raises(ValueError, match="32 triangles that show a quarter of it"):
+        scenes.very_large(32, 0, 0, 1)

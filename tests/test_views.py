@@ -93,6 +93,19 @@ def test_pictures_of_a_scene():
         views.picture("wireframe", scene, camera, (150, 200))
 
 
+@pytest.mark.parametrize("size", [(1, 1), (3, 2), (40, 18), (9, 40)])
+def test_views_of_few_pixels(size):
+    positions, triangles = flat(*[WHOLE] * 40)  # more counts than the colour bar has pixels
+    assert views.overdraw(positions, triangles, size).shape == (*size, 3)
+    assert views.overdraw(*flat(WHOLE, LEFT), size).shape == (*size, 3)
+    assert views.bins(positions, triangles, size).shape == (*size, 3)
+
+
+def test_count_bits():
+    masks = np.array([[0, -1], [1, 0], [5, 0], [-(2**63), 0]], np.int64)
+    assert views.count_bits(masks[:, 0]) == 4 and views.count_bits(masks[:1, 1]) == 64
+
+
 def test_views_of_nothing():
     positions, triangles = np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32)
     assert views.overdraw(positions, triangles, (100, 120)).shape == (100, 120, 3)

@@ -146,5 +146,3 @@ _VARIANTS: dict[str, Callable[[Corners, Box], Mask]] = {
     "i32": _i32,
 }
 VARIANTS = tuple(_VARIANTS)
-# In one line each, for tables and pictures.
-MEANING = {name: (variant.__doc__ or "").split(":")[0].strip().rstrip(".") for name, variant in _VARIANTS.items()}

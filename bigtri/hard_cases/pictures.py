@@ -43,15 +43,11 @@ class Drawn(NamedTuple):
 
 def draw_all(folder: Path, progress: Callable[[str], None] = lambda line: None) -> list[Path]:
     """Write all pictures as PNG files; returns them. The folder is made if it is not there."""
-    from skimage import io
-
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for picture in PICTURES:
         progress(f"drawing {picture.name}")
-        path = folder / f"{picture.name}.png"
-        io.imsave(path, _sheet(picture), check_contrast=False)
-        paths.append(path)
+        paths.append(figure.save(folder / f"{picture.name}.png", _sheet(picture)))
     return paths
 
 
