@@ -111,6 +111,7 @@ def shaded(positions: torch.Tensor, triangles: torch.Tensor, packed: torch.Tenso
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--size", type=benchmark.size, default="200x150", help="WIDTHxHEIGHT (default 200x150)")
+    parser.add_argument("--only", metavar="PICTURE", help="one of the pictures, such as 'slivers and mesh'")
     parser.add_argument("--quick", action="store_true", help="only the main paths, without culling and scissor")
     parser.add_argument("--total", type=float, default=1e9, help="s: skip the rest after that, and say so")
     parser.add_argument("--device", default="cuda", choices=("cuda", "cpu"))
@@ -124,7 +125,12 @@ def main() -> int:
         scissors.append((3, 70, width - 9, height - 1))
     end = time.perf_counter() + arguments.total
     drawn = wrong = skipped = 0
-    for title, scene in pictures(width, height).items():
+    drawings = pictures(width, height)
+    if arguments.only is not None:
+        if arguments.only not in drawings:
+            parser.error(f"--only must be one of {', '.join(drawings)}, got {arguments.only!r}")
+        drawings = {arguments.only: drawings[arguments.only]}
+    for title, scene in drawings.items():
         on_cpu = torch.from_numpy(scene.positions), torch.from_numpy(scene.triangles)
         here = on_cpu[0].to(arguments.device), on_cpu[1].to(arguments.device)
         for cull, scissor in ((c, s) for c in (CULLS[:1] if arguments.quick else CULLS) for s in scissors):

@@ -10,6 +10,7 @@ from . import arrays
 from .arrays import Array
 from .rasterize import Visibility, check_indices
 from .reference import attributes as reference
+from .reference.numerics import MAX_SIZE
 
 
 def interpolate(
@@ -35,13 +36,13 @@ def interpolate(
     """
     op = "interpolate"
     chosen = arrays.choose_backend(op, backend)
-    given, packed, clip, faces = _drawing(op, visibility, positions, triangles)
-    values = arrays.tensor(op, "attributes", attributes, torch.float32, "[V, C] or [B, V, C]", (2, 3))
+    given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
+    values = arrays.tensor(op, "attributes", attributes, torch.float32, "[V, C] or [B, V, C]", (2, 3), chosen)
     values = values if values.ndim == 3 else values[None]
     arrays.size(op, "attributes", values, 1, clip.shape[1], "V, one row per position")
     if values.shape[0] != 1:
         arrays.size(op, "attributes", values, 0, packed.shape[0], "B, as in visibility")
-    arrays.same_device(op, visibility=packed, attributes=values)
+    arrays.same_device(op, chosen, visibility=packed, attributes=values)
 
     if chosen == "native":
         result = torch.ops.bigtri.interpolate(packed, clip, faces, values)
@@ -74,7 +75,7 @@ def barycentrics(visibility: Visibility | Array, positions: Array, triangles: Ar
     """
     op = "barycentrics"
     chosen = arrays.choose_backend(op, backend)
-    given, packed, clip, faces = _drawing(op, visibility, positions, triangles)
+    given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
     if chosen == "native":
         result = torch.ops.bigtri.barycentrics(packed, clip, faces)
     else:
@@ -85,18 +86,21 @@ def barycentrics(visibility: Visibility | Array, positions: Array, triangles: Ar
 
 
 def _drawing(
-    op: str, visibility: Visibility | Array, positions: Array, triangles: Array
+    op: str, visibility: Visibility | Array, positions: Array, triangles: Array, chosen: str
 ) -> tuple[Array, torch.Tensor, torch.Tensor, torch.Tensor]:
     """The buffer as given, and packed [B, H, W], positions [B, V, 4], triangles [T, 3] as tensors that belong together."""
     # Not isinstance: anything with a packed buffer will do.
     given: Any = getattr(visibility, "packed", visibility)
-    packed = arrays.tensor(op, "visibility", given, torch.int64, "[H, W] or [B, H, W]", (2, 3))
-    clip = arrays.tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", packed.ndim)
-    faces = arrays.tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2)
+    packed = arrays.tensor(op, "visibility", given, torch.int64, "[H, W] or [B, H, W]", (2, 3), chosen)
+    clip = arrays.tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", packed.ndim, chosen)
+    faces = arrays.tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2, chosen)
+    height, width = packed.shape[-2:]
+    if packed.numel() and (height > MAX_SIZE or width > MAX_SIZE):
+        raise ValueError(f"bigtri.{op}: visibility must be at most {MAX_SIZE} px a side, got {list(packed.shape)}")
     if packed.ndim == 2:
         packed, clip = packed[None], clip[None]
     arrays.size(op, "positions", clip, 0, packed.shape[0], "B, as in visibility")
     arrays.size(op, "positions", clip, 2, 4, "x, y, z, w")
     arrays.size(op, "triangles", faces, 1, 3, "corners")
-    arrays.same_device(op, visibility=packed, positions=clip, triangles=faces)
+    arrays.same_device(op, chosen, visibility=packed, positions=clip, triangles=faces)
     return given, packed, clip, faces

@@ -146,15 +146,30 @@ def _new_size() -> torch.SymInt:
     return torch.library.get_ctx().new_dynamic_size(min=0)
 
 
+def _check_fakes(op: str, **arguments: tuple[torch.Tensor | None, int]) -> None:
+    """Raise RuntimeError unless every tensor has its number of dimensions and is on the first one's device.
+
+    torch runs a fake kernel wherever one argument is on the meta device, so the real operator's checks do not see such a call.
+    """
+    place = next(value.device for value, _ in arguments.values() if value is not None)
+    for name, (value, ndim) in arguments.items():
+        if value is not None and value.ndim != ndim:
+            raise RuntimeError(f"bigtri::{op}: {name} must have {ndim} dimensions, got {list(value.shape)}")
+        if value is not None and value.device != place:
+            raise RuntimeError(f"bigtri::{op}: {name} must be on {place} like {next(iter(arguments))}, got {value.device}")
+
+
 def _register_fakes() -> None:
     fake = torch.library.register_fake
 
     @fake("bigtri::rasterize")
     def _(positions, triangles, height, width, cull, scissor, variant, packed, depth, dropped):
-        return None
+        inputs = {"positions": (positions, 3), "triangles": (triangles, 2)}
+        _check_fakes("rasterize", **inputs, packed=(packed, 3), depth=(depth, 3), dropped=(dropped, 1))
 
     @fake("bigtri::setup")
     def _(positions, triangles, height, width, cull, scissor):
+        _check_fakes("setup", positions=(positions, 2), triangles=(triangles, 2))
         n = _new_size()
         i32, f32, i64, f64 = torch.int32, torch.float32, torch.int64, torch.float64
         shapes = [((n,), i32), ((n, 3, 2), i32), ((n, 3), f32), ((n,), i64), ((n, 4), i32), ((n, 3), f64), ((n, 3), i32)]
@@ -163,45 +178,59 @@ def _register_fakes() -> None:
 
     @fake("bigtri::binning")
     def _(xy, bbox, threshold):
+        _check_fakes("binning", xy=(xy, 3), bbox=(bbox, 2))
         candidates = _new_size()
         small = _new_size()
         return xy.new_empty((candidates, 3)), xy.new_empty((candidates,), dtype=torch.bool), xy.new_empty((small,))
 
     @fake("bigtri::tile_mask")
     def _(xy, bbox, queue):
+        _check_fakes("tile_mask", xy=(xy, 3), bbox=(bbox, 2), queue=(queue, 2))
         masks = queue.new_empty((queue.shape[0],), dtype=torch.int64)
         return masks, torch.empty_like(masks)
 
     @fake("bigtri::scanline")
     def _(xy, bbox, queue, touched, small):
+        _check_fakes("scanline", xy=(xy, 3), bbox=(bbox, 2), queue=(queue, 2), touched=(touched, 1), small=(small, 1))
         return xy.new_empty((_new_size(), 4))
 
     @fake("bigtri::depth")
     def _(xy, z, area, spans):
+        _check_fakes("depth", xy=(xy, 3), z=(z, 2), area=(area, 1), spans=(spans, 2))
         return z.new_empty((_new_size(),))
 
     @fake("bigtri::visibility")
     def _(triangle, spans, depth, height, width):
+        _check_fakes("visibility", triangle=(triangle, 1), spans=(spans, 2), depth=(depth, 1))
         return triangle.new_empty((height, width), dtype=torch.int64)
 
     @fake("bigtri::interpolate")
     def _(packed, positions, triangles, attributes):
+        read = {"packed": (packed, 3), "positions": (positions, 3), "triangles": (triangles, 2)}
+        _check_fakes("interpolate", **read, attributes=(attributes, 3))
         return attributes.new_empty((*packed.shape, attributes.shape[2]))
 
     @fake("bigtri::barycentrics")
     def _(packed, positions, triangles):
+        _check_fakes("barycentrics", packed=(packed, 3), positions=(positions, 3), triangles=(triangles, 2))
         return positions.new_empty((*packed.shape, 3))
 
     @fake("bigtri::sample_texture")
     def _(texture, uv, filter, wrap):
+        _check_fakes("sample_texture", texture=(texture, 3), uv=(uv, 2))
         return texture.new_empty((uv.shape[0], texture.shape[2]))
 
     @fake("bigtri::lambert")
     def _(normals, albedo, ambient, light_directions, light_colors):
+        lights = {"light_directions": (light_directions, 2), "light_colors": (light_colors, 2)}
+        _check_fakes("lambert", normals=(normals, 2), albedo=(albedo, 2), ambient=(ambient, 1), **lights)
         return torch.empty_like(albedo)
 
     @fake("bigtri::encode_srgb")
     def _(linear, thresholds):
+        if thresholds.device.type != "cpu":  # wherever linear is
+            _check_fakes("encode_srgb", linear=(linear, linear.ndim), thresholds=(thresholds, 1))
+        _check_fakes("encode_srgb", thresholds=(thresholds, 1))
         return torch.empty_like(linear, dtype=torch.uint8)
 
 

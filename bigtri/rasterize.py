@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import sys
 from typing import NamedTuple
 
@@ -12,7 +11,6 @@ import torch
 from . import arrays, native
 from .arrays import Array
 from .reference import pipeline
-from .reference.numerics import MAX_SIZE
 
 CULLS = ("none", "back", "front")
 PRECISIONS = ("exact",)
@@ -57,7 +55,8 @@ def rasterize(
         validate: on the CPU indices are always checked. On CUDA a triangle with an index out of range is dropped and counted;
             True checks all of them first, which waits for the device.
         depth: whether to return the depth image. Without it, 4 bytes a pixel are not written.
-        out: int64, contiguous, of ``packed``'s shape: written instead of new memory. Large images gain much from that.
+        out: int64, contiguous, of ``packed``'s shape, apart from the inputs: written instead of new memory. Large images gain
+            much from that.
 
     Returns:
         Visibility: torch tensors on the device of ``positions``, or NumPy arrays if ``positions`` is one.
@@ -65,39 +64,38 @@ def rasterize(
     Raises:
         TypeError, ValueError: an argument of another dtype, shape, device or value; the text names it.
         RuntimeError: an index in ``triangles`` is out of range (nothing is drawn; on CUDA only with
-            ``validate=True``), or the backend is not built.
+            ``validate=True``), or the backend is not built. Under torch.compile also where ``out`` shares memory with an input.
+
+    torch.vmap has no rule for it, since it writes into memory: a batch of views is one call.
     """
     op = "rasterize"
     chosen = arrays.choose_backend(op, backend)
     arrays.choice(op, "precision", precision, PRECISIONS)
     arrays.choice(op, "cull", cull, CULLS)
-    height, width = _integers(op, "resolution", resolution, 2, "(height, width)")
-    if not (1 <= height <= MAX_SIZE and 1 <= width <= MAX_SIZE):
-        raise ValueError(f"bigtri.{op}: resolution must be (height, width), 1 to {MAX_SIZE} each, got {(height, width)}")
-    whole = (0, 0, width, height)
-    x0, y0, x1, y1 = whole if scissor is None else _integers(op, "scissor", scissor, 4, "(x0, y0, x1, y1)")
-    box = (x0, y0, x1, y1)
-    if not (x0 <= x1 and y0 <= y1):
-        raise ValueError(f"bigtri.{op}: scissor must be (x0, y0, x1, y1) with x0 <= x1 and y0 <= y1, got {box}")
+    arrays.flag(op, "validate", validate, optional=True)
+    arrays.flag(op, "depth", depth)
+    height, width = arrays.image_size(op, "resolution", resolution)
+    box = arrays.scissor_box(op, scissor, height, width)
 
-    clip = arrays.tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", (2, 3))
-    faces = arrays.tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2)
+    clip = arrays.tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", (2, 3), chosen)
+    faces = arrays.tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2, chosen)
     arrays.size(op, "positions", clip, -1, 4, "x, y, z, w")
     arrays.size(op, "triangles", faces, 1, 3, "corners")
-    arrays.same_device(op, positions=clip, triangles=faces)
-    if clip.is_meta:
-        raise ValueError(f"bigtri.{op}: positions must be a tensor with data, got one on {clip.device}")
+    arrays.same_device(op, "reference", positions=clip, triangles=faces)  # no backend draws on the meta device
     built = native.VARIANTS
     if chosen == "native" and clip.device.type not in built:
         raise ValueError(
             f"bigtri.{op}: positions must be on {' or '.join(built)}, as the extension is built here, got {clip.device}"
         )
+    if not torch.compiler.is_compiling():
+        arrays.writable_along(op, "positions", clip)
+        arrays.writable_along(op, "triangles", faces)
     variants = built.get(clip.device.type, ())
     arrays.choice(op, "variant", variant, ("auto", *variants))
     shape = (*clip.shape[:-2], height, width)
     views = clip if clip.ndim == 3 else clip[None]
 
-    packed = _output(op, out, shape, clip.device).view(views.shape[0], height, width)
+    packed = _output(op, out, shape, clip, faces).view(views.shape[0], height, width)
     dropped = torch.empty(views.shape[0], dtype=torch.int64, device=clip.device)
     image = torch.empty(packed.shape, dtype=torch.float32, device=clip.device) if depth else None
     if chosen == "native":
@@ -141,7 +139,6 @@ def _draw_reference(
 ) -> None:
     """Draw each of ``views`` [B, V, 4] with the reference into packed [B, H, W], depth [B, H, W] and dropped [B]."""
     check_indices(op, faces, views.shape[1])
-    arrays.apart(op, "packed", packed, positions=views, triangles=faces)
     for b, clip in enumerate(views):
         height, width = packed.shape[1:]
         result, lost = pipeline.rasterize(clip.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box)
@@ -152,31 +149,37 @@ def _draw_reference(
         image.copy_(torch.where(packed == torch.iinfo(torch.int64).max, torch.inf, high.view(torch.float32)))
 
 
-def _integers(op: str, name: str, value: object, count: int, wanted: str) -> tuple[int, ...]:
-    """``value`` as ``count`` integers."""
-    try:
-        numbers = tuple(operator.index(v) for v in value)  # type: ignore[attr-defined]
-    except TypeError:
-        raise TypeError(f"bigtri.{op}: {name} must be {wanted}, integers, got {value!r}") from None
-    if len(numbers) != count:
-        raise ValueError(f"bigtri.{op}: {name} must be {wanted}, {count} integers, got {value!r}")
-    return numbers
+def _output(op: str, out: Array | None, shape: tuple[int, ...], positions: torch.Tensor, triangles: torch.Tensor) -> torch.Tensor:
+    """New memory for ``packed``, or the caller's ``out``, which must be apart from what is read."""
+    device = positions.device
 
+    def wrong(error: type[Exception], also: str = "") -> Exception:
+        wanted = f"int64 {list(shape)}, contiguous, on {device}"
+        return error(f"bigtri.{op}: out must be {wanted}, got {arrays.described(out)}{also}")
 
-def _output(op: str, out: Array | None, shape: tuple[int, ...], device: torch.device) -> torch.Tensor:
-    """New memory for ``packed``, or the caller's ``out``."""
     if out is None:
         return torch.empty(shape, dtype=torch.int64, device=device)
-    if isinstance(out, np.ndarray) and not out.flags.writeable:
-        raise ValueError(f"bigtri.{op}: out must be writable, got a read-only NumPy array")
-    tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) and out.dtype == np.int64 else out
-    if not isinstance(tensor, torch.Tensor):
-        raise TypeError(
-            f"bigtri.{op}: out must be int64 {list(shape)}, a torch tensor or a NumPy array, got {type(out).__name__}"
-        )
-    if tensor.dtype != torch.int64 or tensor.shape != shape or not tensor.is_contiguous() or tensor.device != device:
-        raise ValueError(
-            f"bigtri.{op}: out must be int64 {list(shape)}, contiguous, on {device}, "
-            f"got {tensor.dtype} {list(tensor.shape)} on {tensor.device}"
-        )
+    # A NumPy array is looked at as it is: torch takes no other byte order and no negative strides.
+    if isinstance(out, np.ndarray):
+        if not out.flags.writeable:
+            raise ValueError(f"bigtri.{op}: out must be writable, got a read-only NumPy array")
+        is_int64, is_contiguous = out.dtype == np.int64, out.flags.c_contiguous
+    else:
+        arrays.dense(op, "out", out, torch.int64, list(shape))
+        is_int64, is_contiguous = out.dtype == torch.int64, out.is_contiguous()
+    if not is_int64:
+        raise wrong(TypeError)
+    if out.shape != shape:
+        raise wrong(ValueError)
+    if not is_contiguous:
+        raise wrong(ValueError, f" with strides {out.strides if isinstance(out, np.ndarray) else out.stride()}")
+    tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) else out
+    if tensor.device != device:
+        raise wrong(ValueError, f" on {tensor.device}")
+    if not torch.compiler.is_compiling():
+        arrays.own_memory(op, "out", tensor)
+        if tensor.is_neg() or tensor._is_zerotensor():
+            raise wrong(ValueError, ", a negated view" if tensor.is_neg() else ", a zero tensor without memory")
+        arrays.memory(op, "out", tensor)
+        arrays.apart(op, "out", tensor, positions=positions, triangles=triangles)
     return tensor

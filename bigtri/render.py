@@ -11,12 +11,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from . import arrays
 from .arrays import Array
 from .camera import Camera
 from .interpolate import interpolate
 from .normals import face_normals
 from .plan import RenderPlan, plan_for
 from .rasterize import Visibility, rasterize
+from .reference.numerics import MAX_SIZE
 from .scene import Material, Scene
 from .shading import encode_srgb, lambert
 from .texture import sample_texture
@@ -74,7 +76,7 @@ def render(
     Args:
         scene: what is drawn.
         camera: one, or a sequence of B cameras.
-        resolution: (height, width), px.
+        resolution: (height, width), px; times ``supersample`` 1 to 16384 each.
         backend: "auto", "reference" or "native"; the bits are the same.
         plan: the effects to run; None: those that the scene calls for.
         supersample: N: samples per pixel along each axis, averaged in linear light.
@@ -85,20 +87,31 @@ def render(
         ``Buffers``.
 
     Raises:
+        TypeError: an argument of another type; the text names it.
         ValueError: no camera, a supersample below 1, or what ``rasterize`` does not take.
     """
+    _check_type("scene", scene, Scene, "a Scene")
+    _check_type("camera", camera, (Camera, Sequence), "a Camera or a sequence of them")
     cameras = [camera] if isinstance(camera, Camera) else list(camera)
+    for one in cameras:
+        _check_type("camera", one, Camera, "a Camera or a sequence of them")
     if not cameras:
         raise ValueError("bigtri.render: camera must be a Camera or a sequence of at least one, got none")
     if not (isinstance(supersample, int) and supersample >= 1):
         raise ValueError(f"bigtri.render: supersample must be a whole number of at least 1, got {supersample!r}")
+    _check_type("plan", plan, (RenderPlan, type(None)), "a RenderPlan or None")
+    arrays.flag("render", "return_buffers", return_buffers)
+    rows, columns = arrays.image_size("render", "resolution", resolution)
+    height, width = rows * supersample, columns * supersample
+    if max(height, width) > MAX_SIZE:
+        raise ValueError(
+            f"bigtri.render: supersample must be such that {(rows, columns)} times it is at most {MAX_SIZE}, got {supersample}"
+        )
     plan = plan_for(scene) if plan is None else plan
-    height, width = resolution[0] * supersample, resolution[1] * supersample
     seconds: dict[str, float] = {}
 
     with _timed(seconds, "transform"):
-        aspect = resolution[1] / resolution[0] if min(resolution) > 0 else 1.0
-        clip = np.stack([c.transform(scene.positions, aspect) for c in cameras])
+        clip = np.stack([c.transform(scene.positions, columns / rows) for c in cameras])
     positions, triangles = torch.from_numpy(clip), torch.from_numpy(scene.triangles)
     with _timed(seconds, "rasterize"):
         seen = rasterize(positions, triangles, (height, width), backend=backend, cull=scene.cull, depth=return_buffers)
@@ -136,7 +149,7 @@ class _Surface:
 
     def of_material(self, values: Sequence[Any], dtype: torch.dtype) -> torch.Tensor:
         """``values``, one per material (a number or a triple), at every pixel: [B, H, W] or [B, H, W, 3]."""
-        return torch.tensor(values, dtype=dtype)[self.material]
+        return torch.tensor(values, dtype=dtype, device="cpu")[self.material]
 
     def sorted_by_material(self, materials: list[int], count: int) -> tuple[torch.Tensor, list[int]]:
         """The covered pixels of ``materials`` (of ``count``), one after the other: flat indices int64 [P]; how many each has."""
@@ -172,12 +185,12 @@ def _interpolated(
 ) -> dict[str, torch.Tensor]:
     """The vertex attributes that the plan needs and the scene has, [B, H, W, C] each, in one pass over the buffer."""
     wanted = {"uvs": plan.textures, "colors": plan.vertex_colors, "normals": plan.smooth_normals and plan.lights}
-    arrays = {name: getattr(scene, name) for name, on in wanted.items() if on and getattr(scene, name) is not None}
-    if not arrays:
+    present = {name: getattr(scene, name) for name, on in wanted.items() if on and getattr(scene, name) is not None}
+    if not present:
         return {}
-    together = torch.from_numpy(np.concatenate(list(arrays.values()), axis=1))
+    together = torch.from_numpy(np.concatenate(list(present.values()), axis=1))
     result = _tensor(interpolate(together, seen, positions, triangles, backend=backend))
-    return dict(zip(arrays, result.split([a.shape[1] for a in arrays.values()], dim=-1), strict=True))
+    return dict(zip(present, result.split([a.shape[1] for a in present.values()], dim=-1), strict=True))
 
 
 def _albedo(scene: Scene, plan: RenderPlan, surface: _Surface, attributes: dict[str, torch.Tensor], backend: str) -> torch.Tensor:
@@ -213,7 +226,7 @@ def _normals(
             is_smooth = surface.of_material([m.smooth for m in scene.materials], torch.bool)
             normals = torch.where(is_smooth[..., None], smooth, normals)
     else:
-        normals = torch.zeros(*surface.covered.shape, 3) if smooth is None else smooth
+        normals = torch.zeros(*surface.covered.shape, 3, dtype=torch.float32, device="cpu") if smooth is None else smooth
     if plan.two_sided:
         turned = surface.of_material([m.two_sided for m in scene.materials], torch.bool)
         turned = turned & surface.of_triangle_in_view(_back_facing(clip, scene.triangles))
@@ -236,20 +249,20 @@ def _lit(
     scene: Scene, plan: RenderPlan, surface: _Surface, albedo: torch.Tensor, normals: torch.Tensor | None, backend: str
 ) -> torch.Tensor:
     """float32 [B, H, W, 3], linear, over the background."""
-    ambient = torch.tensor(scene.ambient, dtype=torch.float32)
+    ambient = torch.tensor(scene.ambient, dtype=torch.float32, device="cpu")
     if normals is None:
         linear = albedo * ambient
     else:
-        directions = torch.tensor([light.direction for light in scene.lights], dtype=torch.float32).reshape(-1, 3)
-        colors = torch.tensor([light.color for light in scene.lights], dtype=torch.float32).reshape(-1, 3)
+        vectors = ([light.direction for light in scene.lights], [light.color for light in scene.lights])
+        directions, colors = (torch.tensor(v, dtype=torch.float32, device="cpu").reshape(-1, 3) for v in vectors)
         linear = lambert(normals, albedo, ambient, directions, colors, backend=backend)
     return torch.where(surface.covered[..., None], linear, _background(scene, linear.shape[1])[:, None, :])
 
 
 def _background(scene: Scene, height: int) -> torch.Tensor:
     """float32 [H, 3]."""
-    top, bottom = (torch.tensor(color, dtype=torch.float32) for color in scene.background)
-    down = (torch.arange(height, dtype=torch.float32) + 0.5) / height
+    top, bottom = (torch.tensor(color, dtype=torch.float32, device="cpu") for color in scene.background)
+    down = (torch.arange(height, dtype=torch.float32, device="cpu") + 0.5) / height
     return top + (bottom - top) * down[:, None]
 
 
@@ -262,6 +275,12 @@ def _averaged(linear: torch.Tensor, supersample: int) -> torch.Tensor:
         for column in range(supersample):
             total = total + linear[:, row::supersample, column::supersample]
     return total / (supersample * supersample)
+
+
+def _check_type(name: str, value: object, allowed: type | tuple[type, ...], wanted: str) -> None:
+    """Raise TypeError unless ``value`` is of an ``allowed`` type; ``wanted`` says which."""
+    if not isinstance(value, allowed):
+        raise TypeError(f"bigtri.render: {name} must be {wanted}, got {arrays.described(value)}")
 
 
 def _tensor(value: Array | None) -> torch.Tensor:

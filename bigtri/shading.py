@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from . import arrays
 from .arrays import Array, ArrayT
 from .reference import shading as reference
 
-_ANY_NDIM = tuple(range(9))
-# Made here and not on demand, because torch.compile would trace through what makes them.
-_THRESHOLDS = torch.tensor(reference.encode_thresholds())  # float32 [255]
-_DECODED = torch.tensor(reference.decode_table())  # float32 [256]
+# Made here and not on demand, because torch.compile would trace through what makes them. Not by torch.tensor, which would put
+# them on the default device.
+_THRESHOLDS = torch.from_numpy(np.array(reference.encode_thresholds()))  # float32 [255]
+_DECODED = torch.from_numpy(np.array(reference.decode_table()))  # float32 [256]
 
 
 def lambert(
@@ -35,19 +36,19 @@ def lambert(
     """
     op = "lambert"
     chosen = arrays.choose_backend(op, backend)
-    n = arrays.tensor(op, "normals", normals, torch.float32, "[..., 3]", _ANY_NDIM[1:])
+    n = arrays.tensor(op, "normals", normals, torch.float32, "[..., 3]", None, chosen)
     arrays.size(op, "normals", n, -1, 3, "x, y, z")
-    base = arrays.tensor(op, "albedo", albedo, torch.float32, "[..., 3]", _ANY_NDIM[1:])
+    base = arrays.tensor(op, "albedo", albedo, torch.float32, "[..., 3]", None, chosen)
     if base.shape != n.shape:
         raise ValueError(f"bigtri.{op}: albedo must have normals' shape {list(n.shape)}, got {list(base.shape)}")
-    around = arrays.tensor(op, "ambient", ambient, torch.float32, "[3]", 1)
+    around = arrays.tensor(op, "ambient", ambient, torch.float32, "[3]", 1, chosen)
     arrays.size(op, "ambient", around, 0, 3, "red, green, blue")
-    directions = arrays.tensor(op, "light_directions", light_directions, torch.float32, "[L, 3]", 2)
+    directions = arrays.tensor(op, "light_directions", light_directions, torch.float32, "[L, 3]", 2, chosen)
     arrays.size(op, "light_directions", directions, 1, 3, "x, y, z")
-    colors = arrays.tensor(op, "light_colors", light_colors, torch.float32, "[L, 3]", 2)
+    colors = arrays.tensor(op, "light_colors", light_colors, torch.float32, "[L, 3]", 2, chosen)
     arrays.size(op, "light_colors", colors, 1, 3, "red, green, blue")
     arrays.size(op, "light_colors", colors, 0, directions.shape[0], "L, as in light_directions")
-    arrays.same_device(op, normals=n, albedo=base, ambient=around, light_directions=directions, light_colors=colors)
+    arrays.same_device(op, chosen, normals=n, albedo=base, ambient=around, light_directions=directions, light_colors=colors)
 
     arguments = (n.reshape(-1, 3), base.reshape(-1, 3), around, directions, colors)
     result = torch.ops.bigtri.lambert(*arguments) if chosen == "native" else arrays.on_reference(reference.lambert, *arguments)
@@ -64,10 +65,11 @@ def encode_srgb(linear: ArrayT, *, backend: str = "auto") -> ArrayT:
     """
     op = "encode_srgb"
     chosen = arrays.choose_backend(op, backend)
-    values = arrays.tensor(op, "linear", linear, torch.float32, "[...]", _ANY_NDIM)
+    values = arrays.tensor(op, "linear", linear, torch.float32, "[...]", None, chosen)
     if chosen == "native":
-        result = torch.ops.bigtri.encode_srgb(values, _THRESHOLDS)  # on the CPU for a GPU too
+        result = torch.ops.bigtri.encode_srgb(values, arrays.beside(_THRESHOLDS, values))  # on the CPU for a GPU too
     else:
+        arrays.same_device(op, chosen, linear=values)
         result = arrays.on_reference(reference.encode_srgb, values)
     return arrays.like(result, linear)
 
@@ -82,5 +84,5 @@ def decode_srgb(encoded: ArrayT, *, backend: str = "auto") -> ArrayT:
     """
     op = "decode_srgb"
     arrays.choose_backend(op, backend)
-    codes = arrays.tensor(op, "encoded", encoded, torch.uint8, "[...]", _ANY_NDIM)
-    return arrays.like(_DECODED.to(codes.device)[codes.long()], encoded)
+    codes = arrays.tensor(op, "encoded", encoded, torch.uint8, "[...]", None)
+    return arrays.like(arrays.beside(_DECODED, codes).to(codes.device)[codes.long()], encoded)

@@ -7,6 +7,7 @@ import torch
 from . import arrays
 from .arrays import Array, ArrayT
 from .reference import texture as reference
+from .reference.numerics import MAX_TEXTURE
 
 FILTERS = ("bilinear", "nearest")
 WRAPS = ("repeat", "clamp")
@@ -18,7 +19,7 @@ def sample_texture(
     """Look ``uv`` up in ``texture``, without mipmaps.
 
     Args:
-        texture: float32 [Ht, Wt, C], row 0 on top; linear light if it is to be shaded.
+        texture: float32 [Ht, Wt, C], 1 to 65536 px a side, row 0 on top; linear light if it is to be shaded.
         uv: float32 [..., 2]; (0, 0) is the lower left corner of the image, (1, 1) the upper right one.
         filter: "bilinear" or "nearest".
         wrap: what lies beyond [0, 1]: "repeat" or "clamp".
@@ -34,16 +35,19 @@ def sample_texture(
     chosen = arrays.choose_backend(op, backend)
     arrays.choice(op, "filter", filter, FILTERS)
     arrays.choice(op, "wrap", wrap, WRAPS)
-    texels = arrays.tensor(op, "texture", texture, torch.float32, "[Ht, Wt, C]", 3)
-    if texels.shape[0] == 0 or texels.shape[1] == 0:
+    texels = arrays.tensor(op, "texture", texture, torch.float32, "[Ht, Wt, C]", 3, chosen)
+    height, width, channels = texels.shape
+    if height == 0 or width == 0:
         raise ValueError(f"bigtri.{op}: texture must have at least one texel, got {list(texels.shape)}")
-    coordinates = arrays.tensor(op, "uv", uv, torch.float32, "[..., 2]", tuple(range(1, 9)))
+    if height > MAX_TEXTURE or width > MAX_TEXTURE:
+        raise ValueError(f"bigtri.{op}: texture must be at most {MAX_TEXTURE} px a side, got {list(texels.shape)}")
+    coordinates = arrays.tensor(op, "uv", uv, torch.float32, "[..., 2]", None, chosen)
     arrays.size(op, "uv", coordinates, -1, 2, "u, v")
-    arrays.same_device(op, uv=coordinates, texture=texels)
+    arrays.same_device(op, chosen, uv=coordinates, texture=texels)
 
     flat = coordinates.reshape(-1, 2)
     if chosen == "native":
         result = torch.ops.bigtri.sample_texture(texels, flat, filter, wrap)
     else:
         result = arrays.on_reference(reference.sample_texture, texels, flat, filter, wrap)
-    return arrays.like(result.reshape(*coordinates.shape[:-1], texels.shape[2]), uv)
+    return arrays.like(result.reshape(*coordinates.shape[:-1], channels), uv)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+import bigtri
 from bigtri import barycentrics, interpolate, native, rasterize
 
 needs_native = pytest.mark.skipif(not native.available(), reason="the extension is not built")
@@ -170,6 +171,32 @@ def test_buffers_of_other_triangles_and_indices_of_other_vertices(backend):
             barycentrics(packed, positions, np.array([(0, 1, index)], np.int32), backend=backend)
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("ndim", [0, 1, 9, 12])
+def test_any_number_of_dimensions(ndim, backend):
+    """Of what is documented as [...]; [] stays []."""
+    shape = (1,) * ndim
+    codes = bigtri.encode_srgb(torch.full(shape, 0.5), backend=backend)
+    assert codes.shape == shape and codes.item() == 188
+    assert bigtri.decode_srgb(codes, backend=backend).shape == shape
+    assert bigtri.encode_srgb(np.full(shape, 0.5, np.float32), backend=backend).shape == shape
+    normals, light = torch.ones(*shape, 3), torch.eye(3)
+    assert bigtri.lambert(normals, normals, light[0], light, light, backend=backend).shape == (*shape, 3)
+    assert bigtri.sample_texture(torch.ones(2, 2, 4), torch.ones(*shape, 2), backend=backend).shape == (*shape, 4)
+    for wrong in (torch.tensor(1.0), torch.ones(*shape, 5)):
+        with pytest.raises(ValueError, match=r"bigtri\.lambert: normals must have size 3 in dimension -1"):
+            bigtri.lambert(wrong, normals, light[0], light, light, backend=backend)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_textures_beyond_the_limit(backend):
+    for shape in ((1, 65537, 1), (65537, 1, 1)):
+        with pytest.raises(ValueError, match=r"bigtri\.sample_texture: texture must be at most 65536 px a side, got"):
+            bigtri.sample_texture(np.zeros(shape, np.float32), np.zeros((1, 2), np.float32), backend=backend)
+    with pytest.raises(TypeError, match=r"bigtri\.sample_texture: filter must be one of 'bilinear', 'nearest', got"):
+        bigtri.sample_texture(np.zeros((1, 1, 1), np.float32), np.zeros((1, 2), np.float32), filter=np.array(["nearest", ""]))
+
+
 def test_empty_inputs():
     none = np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32)
     for backend in ("reference", "auto"):
@@ -189,9 +216,13 @@ def test_empty_inputs():
         ({"triangles": np.zeros((2, 3), np.int64)}, TypeError, "triangles must be int32"),
         ({"visibility": np.zeros((4, 4), np.int32)}, TypeError, "visibility must be int64"),
         ({"backend": "cuda"}, ValueError, "backend must be one of"),
+        ({"visibility": np.full((1, 16385), -1)}, ValueError, r"visibility must be at most 16384 px a side, got \[1, 16385\]"),
+        ({"visibility": np.full((16385, 1), -1)}, ValueError, "visibility must be at most 16384 px a side"),
+        ({"attributes": torch.zeros(6, 2, device="meta")}, ValueError, "attributes must be on visibility's device"),
     ],
 )
-def test_errors_name_the_argument(change, error, text):
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_errors_name_the_argument(change, error, text, backend):
     positions, triangles = soup(1, 2, 1.0)
     arguments = {
         "attributes": np.zeros((6, 2), np.float32),
@@ -200,4 +231,4 @@ def test_errors_name_the_argument(change, error, text):
         "triangles": triangles,
     }
     with pytest.raises(error, match="bigtri.interpolate: " + text):
-        interpolate(**{**arguments, **change})
+        interpolate(**{"backend": backend, **arguments, **change})

@@ -130,7 +130,7 @@ def test_out_over_an_input():
     memory = torch.zeros(64, dtype=I64, device=DEVICE)
     case = soup(random_corners(np.random.default_rng(0), 1, 1), (8, 8))
     positions = memory.view(torch.float32)[40:52].view(3, 4).copy_(torch.from_numpy(case.positions))
-    with pytest.raises(RuntimeError, match="packed must not share memory with positions"):
+    with pytest.raises(ValueError, match="out must not share memory with positions"):
         bigtri.rasterize(positions, torch.from_numpy(case.triangles).to(DEVICE), (8, 8), out=memory.view(8, 8))
 
 

@@ -187,7 +187,7 @@ def test_coverage_and_depth_are_exact(name: str, height: int, width: int, count:
         worst_excess = max(worst_excess, excess.max(initial=0))
         worst_ulp = max(worst_ulp, ulps[z >= 2.0**-12].max(initial=0))  # below, 2^-39 is more than 1/16 ulp
     for key, value in (("fragments", fragments), ("depth samples", samples), ("worst ulp", worst_ulp)):
-        record_property(key, value)
+        record_property(key, float(value))
     beyond = f"2^{np.log2(worst_excess):.1f}" if worst_excess else "nothing"
     print(f"{name} {width}x{height}: {scaled(count)} triangles, {fragments} fragments; {samples} depths:", end=" ")
     print(f"{worst_ulp:.9f} ulp where z >= 2^-12, {beyond} beyond half an ulp")
@@ -288,7 +288,7 @@ def test_weights_and_attributes_are_exact_to_their_bounds(name: str, decades: in
             worst_attribute = max(worst_attribute, float(((attribute_error << 24) / np.maximum(size_of_terms, 1)).max(initial=0)))
         samples += len(view)
     for key, value in (("pixels", total), ("samples", samples), ("worst ulp", worst_ulp), ("worst attribute", worst_attribute)):
-        record_property(key, value)
+        record_property(key, float(value))
     print(f"{name}, w over 10^{decades}: {total} px, {samples} exact:", end=" ")
     print(f"weights {worst_ulp:.9f} ulp, attributes {worst_attribute:.3f} * 2^-24")
     assert samples > 100

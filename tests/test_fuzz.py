@@ -216,7 +216,8 @@ def test_returns_or_raises(make: Callable[[Source], Call]):
             result = operator(*arguments)
         except Exception as error:
             raised += 1
-            assert "API call failed" not in str(error), (seed, error)  # torch's own words for what was not checked first
+            # Ours, or the dispatcher's for a kind of tensor that has no kernel; never torch's for what was not checked first.
+            assert str(error).startswith("bigtri") or isinstance(error, NotImplementedError), (seed, error)
         else:
             returned += 1
             result = () if result is None else result if isinstance(result, tuple) else (result,)

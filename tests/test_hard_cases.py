@@ -83,7 +83,7 @@ def test_command(capsys, tmp_path):
 
 
 def test_command_names_what_it_does_not_know(capsys):
-    assert cli.main(["hard-cases", "--only", "H99"]) == 1
+    assert cli.main(["hard-cases", "--only", "H99"]) == 2
     assert "H99" in capsys.readouterr().err
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import warnings
+
 import numpy as np
 import pytest
 import torch
@@ -88,6 +91,10 @@ def test_memory_of_any_layout(backend):
 
 
 P, T = torch.from_numpy(POSITIONS), torch.from_numpy(TRIANGLES)
+IMAGE = torch.zeros(8, 8, dtype=torch.int64)
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # torch calls both kinds unfinished
+    NESTED, SPARSE_ROWS = [torch.nested.nested_tensor([t, t]) for t in (P, T)], IMAGE.to_sparse_csr()
 
 
 @pytest.mark.parametrize(
@@ -124,11 +131,100 @@ P, T = torch.from_numpy(POSITIONS), torch.from_numpy(TRIANGLES)
         ("out", (P, T, (8, 8)), {"out": np.broadcast_to(np.int64(0), (8, 8))}),
         ("positions", (P.to_sparse(), T, (8, 8)), {}),
         ("positions", (P.to("meta"), T.to("meta"), (8, 8)), {"backend": "reference"}),
+        ("positions", (NESTED[0], T, (8, 8)), {}),
+        ("triangles", (P, NESTED[1], (8, 8)), {}),
+        ("resolution", (P, T, itertools.repeat(8)), {}),
+        ("resolution", (P, T, None), {}),
+        ("scissor", (P, T, (8, 8)), {"scissor": itertools.count()}),
+        ("scissor", (P, T, (8, 8)), {"scissor": ()}),
+        ("cull", (P, T, (8, 8)), {"cull": np.array(["none", "back"])}),
+        ("cull", (P, T, (8, 8)), {"cull": None}),
+        ("backend", (P, T, (8, 8)), {"backend": np.array(["auto", "native"])}),
+        ("variant", (P, T, (8, 8)), {"variant": torch.zeros(2)}),
+        ("precision", (P, T, (8, 8)), {"precision": 1}),
+        ("depth", (P, T, (8, 8)), {"depth": np.ones(2)}),
+        ("depth", (P, T, (8, 8)), {"depth": None}),
+        ("validate", (P, T, (8, 8)), {"validate": torch.ones(2)}),
+        ("validate", (P, T, (8, 8)), {"validate": "yes"}),
     ],
 )
 def test_errors_name_the_argument(argument, arguments, keywords):
     with pytest.raises((TypeError, ValueError), match=rf"bigtri\.rasterize: {argument} "):
         bigtri.rasterize(*arguments, **keywords)
+
+
+def freed(tensor: torch.Tensor, size: int = 0) -> torch.Tensor:
+    """A copy that has lost its memory, or all but ``size`` bytes of it."""
+    copy = tensor.clone()
+    copy.untyped_storage().resize_(size)
+    return copy
+
+
+@pytest.mark.parametrize(
+    ("out", "error", "got"),
+    [
+        ("memory", TypeError, "str"),
+        (np.zeros((8, 8)), TypeError, r"float64 \[8, 8\]"),
+        (np.zeros((8, 8), ">i8"), TypeError, r">i8 \[8, 8\]"),
+        (IMAGE.float(), TypeError, r"float32 \[8, 8\]"),
+        (IMAGE.to_sparse(), ValueError, "torch.sparse_coo"),
+        (SPARSE_ROWS, ValueError, "torch.sparse_csr"),
+        (IMAGE[:, :7], ValueError, r"int64 \[8, 7\]"),
+        (IMAGE.t(), ValueError, r"int64 \[8, 8\] with strides \(1, 8\)"),
+        (np.zeros((8, 8), np.int64)[::-1], ValueError, r"int64 \[8, 8\] with strides \(-64, 8\)"),
+        (IMAGE.to("meta"), ValueError, r"int64 \[8, 8\] on meta"),
+        (torch._neg_view(IMAGE), ValueError, r"int64 \[8, 8\], a negated view"),
+        (torch._efficientzerotensor((8, 8), dtype=torch.int64), ValueError, r"int64 \[8, 8\], a zero tensor without memory"),
+        (torch._to_functional_tensor(IMAGE), ValueError, "one inside torch.vmap, torch.func or functionalization"),
+        (freed(IMAGE), ValueError, "a storage of 0 bytes"),
+        (freed(IMAGE, 504), ValueError, "a storage of 504 bytes"),
+    ],
+)
+def test_what_out_may_not_be(out, error, got, backend):
+    with pytest.raises(error, match=rf"bigtri\.rasterize: out must (be|have memory) .*, got {got}$"):
+        bigtri.rasterize(P, T, (8, 8), backend=backend, out=out)
+
+
+@pytest.mark.parametrize("kept", [0, 8])
+def test_memory_that_is_gone(kept, backend):
+    """torch lets go of a storage under its tensors; whoever reads them then reads what is not theirs."""
+    for name, arguments in (("positions", (freed(P, kept), T)), ("triangles", (P, freed(T, kept)))):
+        with pytest.raises(ValueError, match=rf"bigtri\.rasterize: {name} must have memory for all its elements, \d+ bytes, got"):
+            bigtri.rasterize(*arguments, (8, 8), backend=backend)
+    column_major = P.t().contiguous().t()  # the last element is read, whatever the order
+    column_major.untyped_storage().resize_(44)
+    with pytest.raises(ValueError, match="48 bytes, got a storage of 44 bytes"):
+        bigtri.rasterize(column_major, T, (8, 8), backend=backend)
+    with pytest.raises(ValueError, match=r"bigtri\.decode_srgb: encoded must have memory"):
+        bigtri.decode_srgb(freed(torch.zeros(9, dtype=torch.uint8), kept), backend=backend)
+    assert bigtri.decode_srgb(torch.zeros(0, dtype=torch.uint8), backend=backend).shape == (0,)
+
+
+def test_views_that_negate_and_zeros_without_memory(backend):
+    expected = bigtri.rasterize(-P, T, (8, 8), backend=backend).packed
+    for negated in (torch._neg_view(P), torch.complex(P, P).conj().imag):
+        assert negated.is_neg()
+        assert torch.equal(bigtri.rasterize(negated, T, (8, 8), backend=backend).packed, expected)
+    zeros = torch._efficientzerotensor((3, 4))
+    assert (bigtri.rasterize(zeros, T, (8, 8), backend=backend).triangle == -1).all()
+    assert not bigtri.encode_srgb(zeros, backend=backend).any()
+
+
+def test_functional_and_batched_tensors(backend):
+    """Operators that write into memory have no rule for them, and NumPy would read memory that they do not have."""
+    functional = torch._to_functional_tensor
+    for name, arguments in (("positions", (functional(P), T)), ("triangles", (P, functional(T)))):
+        with pytest.raises(ValueError, match=rf"bigtri\.rasterize: {name} must be a plain tensor, got one inside torch.vmap"):
+            bigtri.rasterize(*arguments, (8, 8), backend=backend)
+    with pytest.raises(ValueError, match=r"bigtri\.rasterize: positions must be a plain tensor, got one inside torch.vmap"):
+        torch.vmap(lambda p: bigtri.rasterize(p, T, (8, 8), backend=backend).packed)(P[None])
+    if backend == "reference":
+        with pytest.raises(ValueError, match=r"bigtri\.encode_srgb: linear must be a plain tensor"):
+            bigtri.encode_srgb(functional(P), backend=backend)
+    else:
+        assert torch.equal(torch.vmap(bigtri.encode_srgb)(P), bigtri.encode_srgb(P))
+        gradient = torch.func.grad(lambda p: p.sum() + bigtri.rasterize(p, T, (8, 8), backend=backend).triangle.sum())(P)
+        assert (gradient == 1).all()
 
 
 @pytest.mark.parametrize("index", [-1, 3, 2**31 - 1, -(2**31)])
@@ -157,12 +253,14 @@ def test_an_output_over_an_input(name, backend):
         positions = memory.view(torch.float32)[40:52].view(3, 4).copy_(P)
     else:
         triangles = memory.view(torch.int32)[40:43].view(1, 3).copy_(T)
-    with pytest.raises(RuntimeError, match=f"packed must not share memory with {name}"):
+    with pytest.raises(ValueError, match=rf"bigtri\.rasterize: out must not share memory with {name}"):
         bigtri.rasterize(positions, triangles, (8, 8), backend=backend, out=memory.view(8, 8))
     assert torch.equal(positions, P) and torch.equal(triangles, T)
 
 
 def test_scissor_beyond_the_image_is_cut(backend):
     whole = bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend).packed
-    for scissor in ((-100, -100, 100, 100), (-(2**40), 0, 2**40, 8)):
+    for scissor in ((-100, -100, 100, 100), (-(2**40), 0, 2**40, 8), (0, 0, 2**64, 2**64), (-(2**70), -(2**70), 8, 8)):
         assert np.array_equal(bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend, scissor=scissor).packed, whole)
+    for scissor in ((2**64, 0, 2**65, 8), (0, -(2**65), 8, -(2**64)), (8, 8, 8, 8)):
+        assert (bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend, scissor=scissor).triangle == -1).all()

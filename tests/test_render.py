@@ -1,5 +1,7 @@
 """Pictures against what they must show, plans against each other, and backend against backend."""
 
+import itertools
+import subprocess
 import sys
 
 import numpy as np
@@ -192,6 +194,52 @@ def test_scenes_without_triangles():
     empty = Scene(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
     for plan in (None, EVERYTHING):
         assert render(empty, FRONT, (3, 4), plan=plan).shape == (3, 4, 3)
+
+
+def test_the_default_device_and_type_of_torch_do_not_matter():
+    """In a process of its own: tables are made when bigtri is imported."""
+    script = """
+import numpy as np, torch
+torch.set_default_device("meta")
+torch.set_default_dtype(torch.float64)
+import bigtri
+from bigtri.plan import RenderPlan
+linear = torch.tensor([0.1, 0.5, 0.9], dtype=torch.float32, device="cpu")
+assert bigtri.encode_srgb(linear).tolist() == [89, 188, 243]
+assert bigtri.decode_srgb(torch.tensor([0, 255], dtype=torch.uint8, device="cpu")).tolist() == [0, 1]
+corners = np.array([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], np.float32)
+scene = bigtri.Scene(corners, np.array([(0, 1, 2)], np.int32))
+camera = bigtri.Camera((0, 0, 1), (0, 0, 0), fov_y=90)
+flat = RenderPlan(smooth_normals=False, flat_normals=False)
+pictures = [bigtri.render(scene, camera, (8, 8), plan=plan) for plan in (None, flat)]
+print(*(int(p.sum()) for p in pictures))
+"""
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0, result.stderr
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], np.float32)
+    scene = Scene(corners, np.array([(0, 1, 2)], np.int32))
+    plans = (None, RenderPlan(smooth_normals=False, flat_normals=False))
+    assert result.stdout.split() == [str(render(scene, FRONT, (8, 8), plan=plan).sum()) for plan in plans]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "error", "text"),
+    [
+        ((None, FRONT, (4, 4)), {}, TypeError, "scene must be a Scene, got None"),
+        ((quad(), None, (4, 4)), {}, TypeError, "camera must be a Camera or a sequence of them, got None"),
+        ((quad(), [FRONT, 3], (4, 4)), {}, TypeError, "camera must be a Camera or a sequence of them, got 3"),
+        ((quad(), itertools.repeat(FRONT), (4, 4)), {}, TypeError, "camera must be .*, got repeat"),
+        ((quad(), FRONT, (8, 9, 7, 5)), {}, ValueError, "resolution must be"),
+        ((quad(), FRONT, None), {}, TypeError, "resolution must be .*, got None"),
+        ((quad(), FRONT, (4.0, 4)), {}, TypeError, "resolution must be"),
+        ((quad(), FRONT, (4, 8193)), {"supersample": 2}, ValueError, "supersample must be such that .* at most 16384, got 2"),
+        ((quad(), FRONT, (4, 4)), {"plan": "all"}, TypeError, "plan must be a RenderPlan or None, got 'all'"),
+        ((quad(), FRONT, (4, 4)), {"return_buffers": np.ones(2)}, TypeError, "return_buffers must be True or False, got float64"),
+    ],
+)
+def test_errors_name_the_argument(arguments, options, error, text):
+    with pytest.raises(error, match=f"bigtri.render: {text}"):
+        render(*arguments, **options)
 
 
 def test_errors():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from cases import CASES
+from torch._subclasses import FakeTensorMode
 
 import bigtri
 from bigtri import native
@@ -76,6 +77,58 @@ def test_compile_full_graph():
         moved = positions + torch.tensor([shift, 0, 0, 0])
         for expected, got in zip(picture(moved, uv), compiled(moved, uv), strict=True):
             assert torch.equal(expected, got)
+
+
+def test_compile_with_memory_of_the_caller():
+    """``out``, and arguments that are looked at in Python: one graph, and the operator itself finds an output over an input."""
+    positions, triangles, (height, width) = tensors()
+
+    def draw(positions: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
+        options = {"cull": "back", "scissor": (0, 0, 2**64, height), "depth": False, "validate": False}
+        return bigtri.rasterize(positions, triangles, (height, width), out=out, **options).packed
+
+    compiled = torch.compile(draw, fullgraph=True, backend="aot_eager")
+    out = torch.empty(height, width, dtype=torch.int64)
+    expected = draw(positions, torch.empty_like(out))
+    assert torch.equal(compiled(positions, out), expected) and torch.equal(out, expected)
+    over = out.view(-1).view(torch.float32)[: positions.numel()].view(positions.shape).copy_(positions)
+    with pytest.raises((RuntimeError, ValueError), match="bigtri.*must not share memory with positions"):
+        torch.compile(draw, fullgraph=True, backend="eager")(over, out)
+
+
+def test_fake_tensors():
+    positions, triangles, (height, width) = tensors()
+    with FakeTensorMode() as mode:
+        clip, faces = mode.from_tensor(positions), mode.from_tensor(triangles)
+        seen = bigtri.rasterize(clip, faces, (height, width), out=torch.empty(height, width, dtype=torch.int64))
+        values = bigtri.interpolate(clip, seen, clip, faces)
+        codes = bigtri.encode_srgb(values)
+        linear = bigtri.decode_srgb(codes)
+    assert (values.shape, codes.dtype, linear.dtype) == ((height, width, 4), torch.uint8, torch.float32)
+    packed = torch.zeros(height, width, dtype=torch.int64)
+    for op, given in ((bigtri.encode_srgb, (positions,)), (bigtri.barycentrics, (packed, positions, triangles))):
+        with pytest.raises(ValueError, match="must be a tensor with data, got FakeTensor"):
+            op(*map(mode.from_tensor, given), backend="reference")
+        with pytest.raises(ValueError, match="must be a tensor with data, got one on meta"):
+            op(*(value.to("meta") for value in given), backend="reference")
+
+
+@pytest.mark.parametrize("op", OPS.split())
+def test_fakes_take_one_device_and_the_right_ranks(op):
+    """A call with one tensor on the meta device never reaches the real operator."""
+    given = arguments(op)
+    operator = getattr(torch.ops.bigtri, op)
+    places = [k for k, value in enumerate(given) if isinstance(value, torch.Tensor)]
+    for k in places:
+        spoiled = given[k].to("meta")
+        if (op, k) != ("encode_srgb", 0):  # its thresholds stay on the host
+            with pytest.raises(RuntimeError, match=f"bigtri::{op}: .* must be on "):
+                operator(*given[:k], spoiled, *given[k + 1 :])
+        everywhere = [value.to("meta") if isinstance(value, torch.Tensor) else value for value in given]
+        if op != "encode_srgb" or k:
+            everywhere[k] = spoiled[None]
+            with pytest.raises(RuntimeError, match=f"bigtri::{op}: .* must have . dimensions"):
+                operator(*everywhere)
 
 
 def test_no_output_requires_grad():

@@ -15,6 +15,7 @@ SUBPIXEL = 1 << SUBPIXEL_BITS  # subpx per px
 HALF = SUBPIXEL // 2  # a pixel centre lies half a pixel into its pixel, subpx
 GUARD = 1 << 23  # snapped coordinates lie in [-GUARD, GUARD - 1] subpx, 2^15 px to either side of the screen's corner
 MAX_SIZE = 16384  # px; 2^14, so that the whole screen lies in the inner half of the guard band
+MAX_TEXTURE = 65536  # px a side; texel coordinates stay exact in float32 and int32
 BIN = 64  # px; the largest power of two for which the edge function fits int32 inside a bin that the edge crosses
 TILE = 8  # px; a bin's 8x8 tiles fill the 64 bits of one mask
 TILES = BIN // TILE  # tiles per bin and direction

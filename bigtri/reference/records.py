@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 class Records(NamedTuple):
     """One entry per (sub)triangle that may cover a pixel, in the order of (triangle, fan position); docs/numerics.md 2.4.
 
-    The fields are NumPy arrays on the reference and torch tensors on the extension. "subpx" is 1/256 px.
+    The fields are NumPy arrays, whichever backend made them. "subpx" is 1/256 px.
     """
 
     triangle: Any  # int32 [N], index of the parent triangle
