@@ -102,17 +102,24 @@ BIGTRI_HD int first_slot(const float v[3][4]) {
   return best;
 }
 
+// Slot k, k = 0 .. 2, of a triangle whose corner `first` is slot 0. Corners by choice, not by index: a GPU keeps what is indexed with a number it cannot know in slow memory.
+BIGTRI_HD ClipVertex make_slot(const float v[3][4], int first, int k) {
+  const int corner = first + k > 2 ? first + k - 3 : first + k;
+  ClipVertex slot;
+  for (int i = 0; i < 4; ++i) slot.position[i] = corner == 0 ? v[0][i] : corner == 1 ? v[1][i] : v[2][i];
+  for (int i = 0; i < 3; ++i) slot.weights[i] = i == k ? 1.0 : 0.0;
+  slot.edges = (1u << k) | (1u << (k == 0 ? 2 : k - 1));
+  slot.made = 0;
+  return slot;
+}
+
 // Clips a triangle that no plane rejects outright. outside: the planes that at least one vertex is outside of. Returns the number of vertices
 // in polygon, 0 if nothing is left. first: the corner that became slot 0.
 BIGTRI_HD int clip_triangle(const float v[3][4], uint32_t outside, int width, int height, ClipVertex polygon[kMaxPolygon], int* first) {
   *first = first_slot(v);
   ClipVertex slots[3], other[kMaxPolygon];
   for (int k = 0; k < 3; ++k) {
-    const float* source = v[(*first + k) % 3];
-    for (int i = 0; i < 4; ++i) slots[k].position[i] = source[i];
-    for (int i = 0; i < 3; ++i) slots[k].weights[i] = i == k ? 1.0 : 0.0;
-    slots[k].edges = (1u << k) | (1u << ((k + 2) % 3));
-    slots[k].made = 0;
+    slots[k] = make_slot(v, *first, k);
     polygon[k] = slots[k];
   }
   int n = 3;

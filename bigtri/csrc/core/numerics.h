@@ -47,8 +47,11 @@ BIGTRI_HD int64_t edge_bias(const Edge& e) { return ((e.dy < 0) | ((e.dy == 0) &
 // The centre of pixel p, subpx.
 BIGTRI_HD int32_t pixel_centre(int32_t p) { return p * kSubpixel + kSubpixel / 2; }
 
-// floor((e + bias)/256) at the centre of pixel (x, y): covered where >= 0 for all three edges; changes by -dy and +dx per pixel.
-BIGTRI_HD int64_t edge_steps(const Edge& e, int32_t x, int32_t y) { return (edge_value(e, pixel_centre(x), pixel_centre(y)) + edge_bias(e)) >> kSubpixelBits; }
+// f = floor((value + bias)/256): at pixel centres covered where >= 0 for all three edges; changes by -dy and +dx per pixel.
+BIGTRI_HD int64_t steps_of(int64_t value, const Edge& e) { return (value + edge_bias(e)) >> kSubpixelBits; }
+
+// f at the centre of pixel (x, y).
+BIGTRI_HD int64_t edge_steps(const Edge& e, int32_t x, int32_t y) { return steps_of(edge_value(e, pixel_centre(x), pixel_centre(y)), e); }
 
 // Twice the signed area, subpx^2; > 0 is clockwise on the screen (y down).
 BIGTRI_HD int64_t twice_area(const int32_t x[3], const int32_t y[3]) { return (int64_t)(x[1] - x[0]) * (y[2] - y[0]) - (int64_t)(y[1] - y[0]) * (x[2] - x[0]); }
@@ -62,8 +65,8 @@ BIGTRI_HD double exact_double(int v) {
 #endif
 }
 
-// What several numbers are divided by. A GPU divides in some thirty instructions, but in five by a number whose correctly rounded inverse is there: a quotient corrected twice by its exact remainder is
-// correctly rounded too (Markstein 1990, "Computation of elementary functions on the IBM RISC System/6000 processor", theorem 8.1 and what follows from it), where
+// What several numbers are divided by. A GPU divides in some thirty instructions, but in five by a number whose correctly rounded inverse is there: a quotient corrected twice by its exact
+// remainder is correctly rounded too (Markstein 1990, "Computation of elementary functions on the IBM RISC System/6000 processor", theorem 8.1 and what follows from it), where
 // nothing overflows or underflows, as floats and edge values cannot. A zero may have the other sign: no use of them here minds.
 struct Divisor {
   double value;

@@ -23,11 +23,8 @@ constexpr uint32_t kRecordLarge = 1, kRecordThin = 2, kRecordFar = 4;  // far: z
 // 8 px beyond it, |e| <= 2 * D * (D + 2^11), so |f| < 2^30. A small bbox alone is not enough: the screen may have cut it from a huge triangle.
 constexpr int32_t kDirectExtent = 1 << 18;
 
-BIGTRI_HD int32_t extent_of(const Primitive& p) {
-  const int32_t w = max_of(max_of(p.x[0], p.x[1]), p.x[2]) - min_of(min_of(p.x[0], p.x[1]), p.x[2]);
-  const int32_t h = max_of(max_of(p.y[0], p.y[1]), p.y[2]) - min_of(min_of(p.y[0], p.y[1]), p.y[2]);
-  return max_of(w, h);
-}
+BIGTRI_HD int32_t extent(const int32_t v[3]) { return max_of(max_of(v[0], v[1]), v[2]) - min_of(min_of(v[0], v[1]), v[2]); }
+BIGTRI_HD int32_t extent_of(const Primitive& p) { return max_of(extent(p.x), extent(p.y)); }
 
 BIGTRI_HD void fill_record(const Primitive& p, int64_t triangle, Record* r, int64_t threshold = kLargeThreshold) {
   for (int k = 0; k < 3; ++k) {

@@ -24,6 +24,18 @@ BIGTRI_HD int corner_of(const ParentOf<kRecords>& p, int record, int k) {
   return p.clipped ? (p.first + k) % 3 : p.primitive[record].order[k];
 }
 
+// w and weights of a record that is sub-triangle s of a fan.
+template <int kRecords>
+BIGTRI_HD void set_fan_weights(const ClipVertex* polygon, int apex, int count, int s, int record, ParentOf<kRecords>* out) {
+  int index[3];
+  fan_vertices(apex, count, s, index);
+  for (int k = 0; k < 3; ++k) {
+    const ClipVertex& source = polygon[pick(index, out->primitive[record].order[k])];
+    out->w[record][k] = source.position[3];
+    for (int m = 0; m < 3; ++m) out->weights[record][k][m] = source.weights[m];
+  }
+}
+
 BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], const Viewport& view, Parent* out) {
   out->count = 0;
   out->clipped = false;
@@ -52,15 +64,8 @@ BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], con
     out->affine = false;
     out->first = fan.first;
     for (int s = 0; s + 2 < fan.count; ++s) {
-      Primitive& p = out->primitive[out->count];
-      if (!fan_primitive(fan.projected, fan.apex, fan.count, s, view, &p)) continue;
-      int index[3];
-      fan_vertices(fan.apex, fan.count, s, index);
-      for (int k = 0; k < 3; ++k) {
-        const ClipVertex& source = fan.polygon[index[p.order[k]]];
-        out->w[out->count][k] = source.position[3];
-        for (int m = 0; m < 3; ++m) out->weights[out->count][k][m] = source.weights[m];
-      }
+      if (!fan_primitive(fan.projected, fan.apex, fan.count, s, view, &out->primitive[out->count])) continue;
+      set_fan_weights(fan.polygon, fan.apex, fan.count, s, out->count, out);
       ++out->count;
     }
   }

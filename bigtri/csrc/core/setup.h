@@ -60,8 +60,8 @@ BIGTRI_HD float window_depth(T z_by_w) {
   return (float)(z_by_w * (T)0.5 + (T)0.5);
 }
 
-// z / w in float32, w a float32: a GPU takes the inverse that is there already. Rounding a quotient of two float32 numbers to float64 first does not change what float32 it rounds to (Figueroa 1995, "When
-// is double rounding innocuous?").
+// z / w in float32, w a float32: a GPU takes the inverse that is there already. Rounding a quotient of two float32 numbers to float64 first does not change what float32 it rounds to
+// (Figueroa 1995, "When is double rounding innocuous?").
 BIGTRI_HD float float_quotient(float z, const Divisor& w) {
 #if defined(__CUDA_ARCH__)
   return (float)quotient(z, w);

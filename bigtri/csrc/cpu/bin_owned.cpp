@@ -48,8 +48,8 @@ class Frame {
     job_.view = view;
     job_.packed = packed;
     job_.depth = depth;
-    job_.bins_x = (view.width + kBin - 1) / kBin;
-    job_.bins_y = (view.height + kBin - 1) / kBin;
+    job_.bins_x = bin_columns(view);
+    job_.bins_y = bin_rows(view);
     job_.first_pass = true;
   }
 

@@ -10,8 +10,6 @@ void project(const float* positions, int64_t begin, int64_t end, int width, int 
   for (int64_t i = begin; i < end; ++i) out[i - begin] = project_vertex(positions + 4 * i, width, height);
 }
 
-uint32_t bins_of(const Record& r) { return (uint32_t)(((r.x1 - 1) / kBin - r.x0 / kBin + 1) * ((r.y1 - 1) / kBin - r.y0 / kBin + 1)); }
-
 int64_t setup(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates, int64_t* dropped) {
   int64_t n = 0, lost = 0;
   Primitive p;
@@ -25,7 +23,7 @@ int64_t setup(const SetupJob& job, int64_t begin, int64_t end, Record* records, 
       const float z[3] = {a->z, b->z, c->z};
       if (!make_primitive(x, y, z, job.view, &p)) continue;
       fill_record(p, t, records + n);
-      candidates[n] = bins_of(records[n]);
+      candidates[n] = (uint32_t)bin_box(records[n]).count;
       ++n;
     } else if (fate == Fate::kClip) {
       float v[3][4];
@@ -36,7 +34,7 @@ int64_t setup(const SetupJob& job, int64_t begin, int64_t end, Record* records, 
       for (int s = 0; s + 2 < fan.count; ++s) {
         if (!fan_primitive(fan.projected, fan.apex, fan.count, s, job.view, &p)) continue;
         fill_record(p, t, records + n);
-        candidates[n] = bins_of(records[n]);
+        candidates[n] = (uint32_t)bin_box(records[n]).count;
         ++n;
       }
     } else if (fate == Fate::kDropped) {

@@ -177,13 +177,7 @@ __device__ __forceinline__ void weigh_clipped(const Clipped& c, const Viewport& 
   const Primitive& p = parent.primitive[0];
   for (int s = 0; s + 2 < c.count; ++s) {
     if (!fan_primitive(c.scratch.projected, c.apex, c.count, s, view, &parent.primitive[0]) || !covers(p, at.x, at.y)) continue;
-    int index[3];
-    fan_vertices(c.apex, c.count, s, index);
-    for (int k = 0; k < 3; ++k) {
-      const ClipVertex& source = c.scratch.polygon[pick(index, p.order[k])];
-      parent.w[0][k] = source.position[3];
-      for (int m = 0; m < 3; ++m) parent.weights[0][k][m] = source.weights[m];
-    }
+    set_fan_weights(c.scratch.polygon, c.apex, c.count, s, 0, &parent);
     weigh(parent, at, out);
     return;
   }

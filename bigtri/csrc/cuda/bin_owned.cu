@@ -3,8 +3,9 @@
 //   some  set-up to records and, for each bin, a list of them; blocks draw their patches from the lists; slivers and small triangles last;
 //   many  clear; set-up that draws small triangles at once and puts what is larger into lists; blocks draw these, and slivers.
 
+#include "clear.cuh"
+#include "depth_image.cuh"
 #include "direct.cuh"
-#include "launch.cuh"
 #include "lists.cuh"
 #include "small.cuh"
 
@@ -13,10 +14,14 @@ namespace {
 
 // --- few
 
+// Triangles that a block of so many warps can set up by itself. A record for each, and for the parts of clipped ones three more a warp, are what shared memory has room for beside the
+// entries.
+constexpr int most_few(int warps) { return 16 * warps; }
+
 // Shared memory of a block that sets up all triangles itself.
 template <int kWarps>
 struct FewShared {
-  static constexpr int kMost = 16 * kWarps, kRecords = 19 * kWarps;  // triangles; records at a time, the parts of clipped triangles among them
+  static constexpr int kMost = most_few(kWarps), kRecords = kMost + 3 * kWarps;  // triangles; records at a time, the parts of clipped triangles among them
   union {
     PatchShared<kWarps> patch;  // has to come first
     Vertex corners[3 * kMost];  // all vertices, or three for each triangle
@@ -32,9 +37,10 @@ struct FewShared {
   __device__ FewShared() {}
 };
 static_assert(FewShared<4>::kRecords >= kMaxSubTriangles, "a round clips one triangle at least");
-static_assert(3 * FewShared<16>::kMost * sizeof(Vertex) <= sizeof(PatchShared<16>::entries) && 8 * sizeof(ClipScratch) <= sizeof(PatchShared<16>::entries),
+static_assert(3 * FewShared<kMostWarps>::kMost * sizeof(Vertex) <= sizeof(PatchShared<kMostWarps>::entries) &&
+                  sizeof(FewShared<kMostWarps>::clip) <= sizeof(PatchShared<kMostWarps>::entries),
               "begin_turn writes behind what set-up uses");
-static_assert(sizeof(FewShared<16>) <= 64 * 1024, "as much as a block can have on all devices");
+static_assert(sizeof(FewShared<kMostWarps>) <= 64 * 1024, "as much as a block can have on all devices");
 
 // Sets up the triangles; returns how many were dropped. By all threads.
 template <int kWarps>
@@ -48,7 +54,7 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) 
     static_assert(kEach * kThreads >= 3 * FewShared<kWarps>::kMost, "all of them");
     project_vertices<kEach>(f, t, kThreads, [&](const Vertex& p, int64_t i) { s->corners[i] = p; });
   } else {
-    project_corners(f, 0, f.count, s->corners, t, kThreads);
+    project_corners(f, s->corners, t, kThreads);
     for (int k = 0; k < 3; ++k) corner[k] = 3 * t + k;
   }
   if (t == kThreads - 1) {
@@ -73,7 +79,8 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) 
   return __syncthreads_count(fate == Fate::kDropped);
 }
 
-// Clips what waits in round `round`, a triangle a warp, and puts the parts behind the whole triangles, in later rounds where these were. Those that find no room wait for the next round. By all threads.
+// Clips what waits in round `round`, a triangle a warp, and puts the parts behind the whole triangles, in later rounds where these were. Those that find no room wait for the next round. By
+// all threads.
 template <int kWarps>
 __device__ __noinline__ void clip_few(const Frame& f, FewShared<kWarps>* s, int round) {
   const int warp = threadIdx.x / kWarp, now = round & 1, later = now ^ 1, count = s->waiting_count[now];
@@ -201,24 +208,14 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks / 2) set_up_record
   count_dropped(f, fate);
 }
 
-// Draws the lanes' primitives, a warp one after the other.
-__device__ __noinline__ void draw_now(const Frame& f, const Record& record, bool have, Record* shared) {
-  for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
-    __syncwarp();
-    if (lane_id() == __ffs(todo) - 1) *shared = record;
-    __syncwarp();
-    warp_draw(f, *shared);
-  }
-  __syncwarp();
-}
-
 union LaterShared {
   SliverShared sliver;
   WarpShared warp[kShareThreads / kWarp];
   __device__ LaterShared() {}
 };
 
-// Slivers, small triangles, and what found no room, onto the frame. Before its pixels are there this kernel reads what set_up_records has written: draw_listed lets it begin only after having waited for that one.
+// Slivers, small triangles, and what found no room, onto the frame. Before its pixels are there this kernel reads what set_up_records has written: draw_listed lets it begin only after
+// having waited for that one.
 __global__ void __launch_bounds__(kShareThreads, kShareBlocks) draw_later(const __grid_constant__ Frame f, const __grid_constant__ Some s, int share) {
   __shared__ LaterShared shared;
   let_next_begin();
@@ -274,13 +271,13 @@ Many take_many(Scratch* scratch, const Frame& f, const Tuning& t) {
   Many m;
   m.waiting = take_waiting(scratch, f, t, min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
   m.waiting.slivers = scratch->take<Record>(m.waiting.room);
-  m.waiting.all = 64;  // few large triangles among many small ones: their records are at hand sooner than lists would be
+  m.waiting.wide_below = 64;  // few large triangles among many small ones: their records are at hand sooner than lists would be
   m.projected = take_projected(scratch, f);
   return m;
 }
 
 // Queues what waits for a block, and draws the rest at once, a primitive at a time; all lanes. Rarely called, so that its registers cost the small ones nothing.
-__device__ __noinline__ void queue_or_draw(const Frame& f, const Waiting& w, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
+__device__ __noinline__ void list_or_draw(const Frame& f, const Waiting& w, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
   Record record;
   bool waits = false, sliver = false;
   uint32_t slot = 0;
@@ -303,7 +300,7 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
   let_next_begin();
   wait_for_previous();
   set_up_share(f, m.projected, share, shared,
-               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { queue_or_draw(f, m.waiting, threshold, p, triangle, have, record); });
+               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { list_or_draw(f, m.waiting, threshold, p, triangle, have, record); });
 }
 
 template <int kWarps>
@@ -325,13 +322,12 @@ enum class Path { kFew, kSome, kMany };
 int warps_of(const Frame& f, const Tuning& t) { return t.warps > 0 ? (int)t.warps : f.count <= 128 ? 8 : 16; }
 
 Path path_of(const Frame& f, const Tuning& t) {
-  if (f.count <= min_of<int64_t>(t.few, 16 * warps_of(f, t))) return Path::kFew;
+  if (f.count <= min_of<int64_t>(t.few, most_few(warps_of(f, t)))) return Path::kFew;
   return f.count <= t.some ? Path::kSome : Path::kMany;
 }
 
 template <int kWarps>
 cudaError_t launch(const Frame& f, const Tuning& t, void* scratch, cudaStream_t stream) {
-  static_assert(FewShared<kWarps>::kMost == 16 * kWarps, "as path_of has it");
   switch (path_of(f, t)) {
     case Path::kFew: return launch_few<kWarps>(f, t, stream);
     case Path::kSome: return launch_some<kWarps>(f, t, scratch, stream);

@@ -1,12 +1,15 @@
 // What every way to draw shares: a record within one bin, and the atomic minimum on a pixel.
 #pragma once
 
-#include "../core/scanline.h"
-#include "../core/tile_mask.h"
 #include "setup.cuh"
 
 namespace bigtri {
 namespace {
+
+// One lane's, for all.
+__device__ __forceinline__ BinBox of_lane(const BinBox& b, int lane) {
+  return {__shfl_sync(kAllLanes, b.x, lane), __shfl_sync(kAllLanes, b.y, lane), __shfl_sync(kAllLanes, b.columns, lane), __shfl_sync(kAllLanes, b.count, lane)};
+}
 
 // False if an edge rejects the bin.
 __device__ __forceinline__ bool narrow_edges(const Record& r, int bin_x, int bin_y, NarrowEdge edge[3]) {
@@ -68,8 +71,8 @@ struct Meeting {
   }
 };
 
-// Of the record in a slot and the area of a bin, px from the bin's corner. Extremes in int64: an edge far away does not fit 32 bits; one that crosses the bin does. Without branches: the edges and the
-// depth are independent of each other, and what takes time here is waiting for one result after the other.
+// Of the record in a slot and the area of a bin, px from the bin's corner. Extremes in int64: an edge far away does not fit 32 bits; one that crosses the bin does. Without branches: the
+// edges and the depth are independent of each other, and what takes time here is waiting for one result after the other.
 __device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_x, int bin_y, int left, int top, int columns, int rows) {
   Meeting m;
   m.constant = 0;
@@ -79,11 +82,11 @@ __device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_
   for (int k = 0; k < 3; ++k) {
     const Edge edge = edge_of(r.x, r.y, k);
     const int64_t value = edge_value(edge, pixel_centre(bin_x * kBin), pixel_centre(bin_y * kBin));
-    const int64_t f = (value + edge_bias(edge)) >> kSubpixelBits;
+    const int64_t f = steps_of(value, edge);
     const int32_t sx = -edge.dy, sy = edge.dx;
     const int64_t first = f + (left * sx + top * sy);  // below 2^31, as in binning.h
-    meets &= first + ((columns - 1) * max_of(sx, 0) + (rows - 1) * max_of(sy, 0)) >= 0;
-    full &= first + ((columns - 1) * min_of(sx, 0) + (rows - 1) * min_of(sy, 0)) >= 0;
+    meets &= highest_of(first, sx, sy, columns - 1, rows - 1) >= 0;
+    full &= lowest_of(first, sx, sy, columns - 1, rows - 1) >= 0;
     const bool inside = lowest_of(f, sx, sy, kBin - 1) >= 0;
     m.constant |= inside ? 1u << k : 0;
     m.f[k] = inside ? 0 : (int32_t)f;
@@ -102,10 +105,10 @@ __device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_
 
 // Extremes of f over the centres from (x, y) to (x + last_x, y + last_y) of the bin.
 __device__ __forceinline__ int32_t highest_over(const NarrowEdge& e, int x, int y, int last_x, int last_y) {
-  return e.f + x * e.sx + y * e.sy + (last_x * max_of(e.sx, 0) + last_y * max_of(e.sy, 0));
+  return highest_of(e.f + x * e.sx + y * e.sy, e.sx, e.sy, last_x, last_y);
 }
 __device__ __forceinline__ int32_t lowest_over(const NarrowEdge& e, int x, int y, int last_x, int last_y) {
-  return e.f + x * e.sx + y * e.sy + (last_x * min_of(e.sx, 0) + last_y * min_of(e.sy, 0));
+  return lowest_of(e.f + x * e.sx + y * e.sy, e.sx, e.sy, last_x, last_y);
 }
 
 __device__ __forceinline__ float bound_depth(const Entry& e, int x, int y, int last_x, int last_y, bool farthest) {

@@ -21,20 +21,6 @@ namespace {
     if (error_ != cudaSuccess) return error_; \
   } while (0)
 
-// In how many bands of rows slivers are drawn, all in one before any in the next: two where half of the image stays in the cache, but not all of it. The lower one comes first, for it is what has been written last.
-inline cudaError_t sliver_bands(const Frame& f, const Tuning& t, int* bands) {
-  int64_t cache = t.cache;
-  if (cache == 0) {
-    int device, bytes;
-    BIGTRI_CUDA(cudaGetDevice(&device));
-    BIGTRI_CUDA(cudaDeviceGetAttribute(&bytes, cudaDevAttrL2CacheSize, device));
-    cache = bytes;
-  }
-  const int64_t bytes = (int64_t)f.view.width * f.view.height * (int64_t)sizeof(int64_t), held = cache / 5 * 4;
-  *bands = bytes > held && bytes <= 2 * held ? 2 : 1;
-  return cudaSuccess;
-}
-
 // Blocks for work that is taken in turns: no more than there is work, or than Tuning::blocks says.
 template <class Kernel>
 cudaError_t blocks_for(Kernel kernel, int threads, int64_t shared_bytes, int64_t work, const Tuning& t, int* blocks) {
@@ -45,8 +31,8 @@ cudaError_t blocks_for(Kernel kernel, int threads, int64_t shared_bytes, int64_t
 }
 
 // A kernel of a frame begins while the one in front of it still ends: it may not touch what that one writes before wait_for_previous(), which every kernel but a frame's first calls, so that
-// none can overtake the one before last either. What the one before last has written it may read at once if the one in front lets it begin only after having waited itself: then that was complete
-// in memory before.
+// none can overtake the one before last either. What the one before last has written it may read at once if the one in front lets it begin only after having waited itself: then that was
+// complete in memory before.
 __device__ __forceinline__ void wait_for_previous() {
 #if __CUDA_ARCH__ >= 900
   cudaGridDependencySynchronize();

@@ -1,5 +1,5 @@
-// What waits for the blocks that own bins: records, and for each bin a list of those that touch it. A record that touches many bins, or finds a list full, goes to one more list, which all blocks look at for all
-// bins: nothing is lost, and a triangle that fills the screen does not take an atomic for each of its bins.
+// What waits for the blocks that own bins: records, and for each bin a list of those that touch it. A record that touches many bins, or finds a list full, goes to one more list, which all
+// blocks look at for all bins: nothing is lost, and a triangle that fills the screen does not take an atomic for each of its bins.
 #pragma once
 
 #include "launch.cuh"
@@ -20,8 +20,8 @@ struct Waiting {
   uint32_t* slots;  // of the records in the lists, `listed` of each bin
   uint32_t *wide_boxes, *wide_slots;  // of the records that all look at
   int columns, bins, listed;
-  int most;  // a record with more bins in its bbox is looked at by all
-  uint32_t all;  // so are records in slots below
+  int wide_above;  // a record with more bins in its bbox is looked at by all
+  uint32_t wide_below;  // so are records in slots below
   int bands;  // in which slivers are drawn
 
   __device__ uint32_t* count() const { return sizes - 1; }  // of records, or of those that were to be put there
@@ -33,14 +33,15 @@ struct Waiting {
 
 Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t room) {
   Waiting w;
-  w.columns = (f.view.width + kBin - 1) / kBin;
-  w.bins = w.columns * ((f.view.height + kBin - 1) / kBin);
+  w.columns = bin_columns(f.view);
+  w.bins = w.columns * bin_rows(f.view);
   w.room = (uint32_t)room;
+  // In proportion to the queue, so that a setting of it changes both; by default 1024, and fewer where images are so large that all lists together would take too much.
   w.listed = (int)max_of<int64_t>(1, min_of<int64_t>(t.queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / w.bins));
-  w.most = max_of(64, w.bins / 64);  // an atomic for each bin, against a look for each bin of the image
+  w.wide_above = max_of(64, w.bins / 64);  // an atomic for each bin, against a look for each bin of the image
   w.records = scratch->take<Record>(room);
   w.slivers = nullptr;
-  w.all = 0;
+  w.wide_below = 0;
   w.bands = 1;
   w.sizes = scratch->take<uint32_t>(w.bins + Waiting::kCounts) + Waiting::kCounts;
   w.slots = scratch->take<uint32_t>((int64_t)w.bins * w.listed);
@@ -49,15 +50,16 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t 
   return w;
 }
 
-// Puts the lanes' records, which are in their slots already, into the lists of the bins that no edge rejects; two records at a time, half of the lanes each, so that a large one does not hold up a lane. By all lanes.
+// Puts the lanes' records, which are in their slots already, into the lists of the bins that no edge rejects; two records at a time, half of the lanes each, so that a large one does not
+// hold up a lane. By all lanes.
 __device__ __forceinline__ void put_into_lists(const Waiting& w, const Primitive& p, bool have, uint32_t slot) {
   constexpr int kTeam = kWarp / 2;
-  const int x0 = p.x0 / kBin, y0 = p.y0 / kBin, across = (p.x1 - 1) / kBin - x0 + 1, bins = across * ((p.y1 - 1) / kBin - y0 + 1);
-  bool wide = have && (bins > w.most || slot < w.all);
+  const BinBox bins = bin_box(p);
+  bool wide = have && (bins.count > w.wide_above || slot < w.wide_below);
   for (unsigned todo = __ballot_sync(kAllLanes, have && !wide); todo;) {
     const unsigned others = todo & (todo - 1), mine = lane_id() < kTeam ? todo : others;
-    const int lane = max_of(__ffs(mine) - 1, 0), n = __shfl_sync(kAllLanes, bins, lane);
-    const int left = __shfl_sync(kAllLanes, x0, lane), top = __shfl_sync(kAllLanes, y0, lane), columns = __shfl_sync(kAllLanes, across, lane);
+    const int lane = max_of(__ffs(mine) - 1, 0);
+    const BinBox box = of_lane(bins, lane);
     const uint32_t its = __shfl_sync(kAllLanes, slot, lane);
     int32_t x[3], y[3];
     for (int k = 0; k < 3; ++k) {
@@ -65,8 +67,8 @@ __device__ __forceinline__ void put_into_lists(const Waiting& w, const Primitive
       y[k] = __shfl_sync(kAllLanes, p.y[k], lane);
     }
     bool full = false;
-    for (int i = mine ? lane_id() % kTeam : n; i < n; i += kTeam) {
-      const int down = i / columns, bin_x = left + i - down * columns, bin_y = top + down;
+    for (int i = mine ? lane_id() % kTeam : box.count; i < box.count; i += kTeam) {
+      const int down = i / box.columns, bin_x = box.x + i - down * box.columns, bin_y = box.y + down;
       bool rejected = false;
       for (int k = 0; k < 3; ++k) rejected |= bin_edge(edge_of(x, y, k), bin_x, bin_y).highest < 0;
       if (rejected) continue;
@@ -91,7 +93,7 @@ __device__ __forceinline__ void put_into_lists(const Waiting& w, const Primitive
 
 // What gather() takes them from.
 struct ListedCandidates {
-  static constexpr bool kMany = true;
+  static constexpr bool kLists = true;
   const Record* records;
   const Waiting& waiting;
   const bool any;  // in lists
@@ -122,7 +124,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_listed(const 
   if (kOutput == Output::kWrite || count > 0) {
     if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.wide_count(), kOutput == Output::kMerge);
     __syncthreads();
-    draw_patches<kWarps, kOutput>(f, ListedCandidates(w, kOutput == Output::kWrite || count > w.all), room);
+    draw_patches<kWarps, kOutput>(f, ListedCandidates(w, kOutput == Output::kWrite || count > w.wide_below), room);
   }
   if (kOutput == Output::kMerge) draw_slivers(f, w.slivers, (int)min_of(*w.sliver_count(), w.room), w.bands, [](int) { return true; }, &shared);
 }

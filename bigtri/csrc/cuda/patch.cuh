@@ -1,4 +1,5 @@
-// A block owns patches of bins, 64 px wide, and each of its warps a region of each. Candidates are looked at once for a whole patch, a thread each, and for as many patches at once as there are threads.
+// A block owns patches of bins, 64 px wide, and each of its warps a region of each. Candidates are looked at once for a whole patch, a thread each, and for as many patches at once as there
+// are threads.
 // Hidden surfaces are rejected without sorting, per patch and per region: whatever covers an area completely bounds the depth behind which nothing can be seen.
 #pragma once
 
@@ -19,7 +20,7 @@ __device__ __forceinline__ bool in_box(uint32_t box, int bin_x, int bin_y) {
 
 // Records one after the other.
 struct Candidates {
-  static constexpr bool kMany = false;
+  static constexpr bool kLists = false;
   const Record* records;
   const uint32_t* boxes;
 
@@ -41,11 +42,10 @@ struct alignas(16) Patch {
   __device__ int bin_x() const { return left >> kBinBits; }
   __device__ int bin_y() const { return top >> kBinBits; }
 
-  __host__ __device__ static int columns(const Viewport& v) { return (v.width + kBin - 1) / kBin; }
-  __host__ __device__ static int count(const Viewport& v) { return columns(v) * ((v.height + kRows - 1) / kRows); }
+  __host__ __device__ static int count(const Viewport& v) { return bin_columns(v) * ((v.height + kRows - 1) / kRows); }
   __device__ static Patch at(const Viewport& v, int i) {
-    const int row = i / columns(v);
-    return {row * kRows < v.height ? (i - row * columns(v)) * kBin : kNowhere, row * kRows, float_bits(kInfinity), 0};
+    const int row = i / bin_columns(v);
+    return {row * kRows < v.height ? (i - row * bin_columns(v)) * kBin : kNowhere, row * kRows, float_bits(kInfinity), 0};
   }
 };
 
@@ -62,10 +62,11 @@ __device__ __forceinline__ T reread(const T& v) {
   return *const_cast<const volatile T*>(&v);
 }
 
-// Shared memory of a block that owns patches. What all of its threads know is here too, and read again where it is needed: the registers are for drawing, and what spills out of them comes back from far away.
+// Shared memory of a block that owns patches. What all of its threads know is here too, and read again where it is needed: the registers are for drawing, and what spills out of them comes
+// back from far away.
 template <int kWarps>
 struct PatchShared {
-  static constexpr int kThreads = kWarps * kWarp, kMaxEntries = 22 * kWarps;
+  static constexpr int kThreads = kWarps * kWarp, kMaxEntries = kEntriesOfWarp * kWarps;
   Entry entries[kMaxEntries];  // of records in the bin that a patch lies in
   uint16_t list[kThreads];  // those that can be seen: a part for each patch
   // The threads' next candidates, while those gathered are drawn because there is no room for more; from the last thread to the first, since else the compiler keeps an address.
@@ -74,9 +75,9 @@ struct PatchShared {
   int entry_count;  // asked for
   int count;  // candidates that all patches look at
   int listed[kTurn];  // candidates of each patch besides, in its bin's list
-  int together;  // patches looked at together, as a power of two: as many as there are threads to look at the candidates of each
-  int next;  // number of the first patch of the next turn
-  bool last;  // there is none
+  int together_bits;  // 2^together_bits patches are looked at together: as many as there are threads to look at the candidates of each
+  int next_turn;  // number of its first patch
+  bool last_turn;  // there is no next one
   int patches;  // of this turn
   unsigned touched;  // bits of the patches that have a candidate, where these are many
   bool drawn;  // the frame holds what has been drawn before
@@ -92,7 +93,7 @@ struct PatchShared {
   // The most candidates that a patch has.
   __device__ __forceinline__ void look_at(int most) {
     const int bits = 31 - __clz(kThreads) - (most > 1 ? 32 - __clz(most - 1) : 0);
-    together = max_of(min_of(bits, 31 - __clz(kTurn)), 0);
+    together_bits = max_of(min_of(bits, 31 - __clz(kTurn)), 0);
   }
 };
 
@@ -151,9 +152,9 @@ __device__ __forceinline__ void begin_turn(const Frame& f, int first, int cleare
   if (k >= 0 && k < kTurn) s->patch[k] = Patch<kWarps>::at(f.view, first + k * (int)gridDim.x);
   if (k == 0) {
     const int count = Patch<kWarps>::count(f.view), turn = kTurn * (int)gridDim.x;
-    s->next = first + turn;
-    s->last = s->next >= count;
-    s->patches = s->last ? (count - first + (int)gridDim.x - 1) / (int)gridDim.x : kTurn;
+    s->next_turn = first + turn;
+    s->last_turn = s->next_turn >= count;
+    s->patches = s->last_turn ? (count - first + (int)gridDim.x - 1) / (int)gridDim.x : kTurn;
     s->entry_count = 0;
     s->touched = 0;
     s->resumed = false;
@@ -162,10 +163,10 @@ __device__ __forceinline__ void begin_turn(const Frame& f, int first, int cleare
 }
 
 // Calls use(box) for candidates i, i + step, ... until it returns true; returns that i, or count. Where there are many, four boxes at once, so that their loads do not wait for each other.
-template <bool kMany, class Candidates, class Use>
+template <bool kLists, class Candidates, class Use>
 __device__ __forceinline__ int find_box(const Candidates& candidates, int i, int step, int count, const Use& use) {
   constexpr int kAtOnce = 4;
-  if (kMany)
+  if (kLists)
     for (; i + (kAtOnce - 1) * step < count; i += kAtOnce * step) {
       uint32_t box[kAtOnce];
       for (int k = 0; k < kAtOnce; ++k) box[k] = candidates.box(i + k * step);
@@ -174,7 +175,7 @@ __device__ __forceinline__ int find_box(const Candidates& candidates, int i, int
     }
   for (; i < count; i += step) {
     if (use(candidates.box(i))) return i;
-    if (!kMany) break;  // there is only one
+    if (!kLists) break;  // there is only one
   }
   return count;
 }
@@ -183,20 +184,21 @@ __device__ __forceinline__ int find_box(const Candidates& candidates, int i, int
 template <int kWarps, class Candidates>
 __device__ __forceinline__ void gather(const Candidates& candidates, int group, int room) {
   constexpr int kThreads = kWarps * kWarp;
-  constexpr bool kMany = Candidates::kMany;
+  constexpr bool kLists = Candidates::kLists;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
-  const int each = kThreads >> s->together, local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
+  const int each = kThreads >> s->together_bits, local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
   Patch<kWarps>& patch = s->patch[group + local];
   const int left = patch.left, top = patch.top;
   // The patch's candidates: first those in the list of its bin, then those of all bins.
-  const int listed = kMany ? s->listed[group + local] : 0, count = listed + s->count;
+  const int listed = kLists ? s->listed[group + local] : 0, count = listed + s->count;
   // This thread's next candidate in the bin of its patch, from i on.
   const auto next = [&](int i) {
-    if (kMany && i < listed) return i;
-    return listed + find_box<kMany>(candidates, i - listed, each, count - listed, [&](uint32_t box) { return in_box(box, left >> kBinBits, top >> kBinBits); });
+    if (kLists && i < listed) return i;
+    return listed +
+           find_box<kLists>(candidates, i - listed, each, count - listed, [&](uint32_t box) { return in_box(box, left >> kBinBits, top >> kBinBits); });
   };
   const auto slot_of = [&](int i) {
-    if constexpr (kMany)
+    if constexpr (kLists)
       if (i < listed) return candidates.listed_slot(left >> kBinBits, top >> kBinBits, i);
     return candidates.slot(i - listed);
   };
@@ -221,86 +223,110 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
       }
     }
     if (i < count && !pending) i = next(i + each);
-    more = kMany && __syncthreads_or(i < count) && s->entry_count <= room;
+    more = kLists && __syncthreads_or(i < count) && s->entry_count <= room;
   } while (more);
-  if (!kMany) __syncthreads();
+  if (!kLists) __syncthreads();
   if (s->entry_count > room) s->cursor[kThreads - 1 - this_thread()] = i;
 }
 
-// Draws the patches that are this block's, by all of its threads. What can be seen gathers in shared memory; then each warp draws its region of each patch, the pixels in registers, mostly once. If more
-// gathers than there is room for, the patches are drawn several times, each time from what the last one left. Before: begin_turn(f, blockIdx.x), PatchShared::begin, a barrier.
-// Candidates: const Record* records; of those that all patches look at uint32_t box(int i), int slot(int i); kMany: there can be more of them than half as many as threads, and there are lists for each bin besides,
-// int listed(int bin_x, int bin_y), int listed_slot(int bin_x, int bin_y, int i).
+// Notes how many candidates each patch of the turn has in the list of its bin, and so how many patches are looked at together. By all threads; ends with a barrier.
+template <int kWarps, class Candidates>
+__device__ __forceinline__ void measure_lists(const Candidates& candidates) {
+  PatchShared<kWarps>* const s = patch_shared<kWarps>();
+  const int k = (int)this_thread();
+  if (k < kWarp) {
+    if (k < kTurn) s->listed[k] = k < s->patches ? candidates.listed(s->patch[k].bin_x(), s->patch[k].bin_y()) : 0;
+    __syncwarp();
+    if (k == 0) {
+      int most = 0;
+      for (int n : s->listed) most = max_of(most, n);
+      s->look_at(most + s->count);
+    }
+  }
+  __syncthreads();
+}
+
+// Looks at the candidates once for all patches of the turn: which of them have any. By all threads; ends with a barrier.
+template <int kWarps, class Candidates>
+__device__ __forceinline__ void find_touched(const Candidates& candidates) {
+  constexpr int kThreads = kWarps * kWarp;
+  PatchShared<kWarps>* const s = patch_shared<kWarps>();
+  unsigned touched = 0;
+  if (this_thread() < kTurn && s->listed[this_thread()] > 0) touched = 1u << this_thread();
+  find_box<true>(candidates, (int)this_thread(), kThreads, s->count, [&](uint32_t box) {
+#pragma unroll
+    for (int k = 0; k < kTurn; ++k) touched |= in_box(box, s->patch[k].bin_x(), s->patch[k].bin_y()) ? 1u << k : 0;
+    return false;
+  });
+  if (touched) atomicOr(&s->touched, touched);
+  __syncthreads();
+}
+
+// The warp's region of a patch that nothing touches: the background.
+template <int kWarps>
+__device__ __forceinline__ void draw_background(const Frame& f, const Patch<kWarps>& patch) {
+  Region region = region_of(patch);
+  region.clear();
+  region.store(f);
+}
+
+// Draws what is in the list into a region of the image. empty: nothing has been drawn there yet, or what is drawn is merged.
+template <Output kOutput>
+__device__ __forceinline__ void draw_region(const Frame& f, Region& region, const Entry* entries, const uint16_t* list, int count, bool empty,
+                                            const Record* records) {
+  if (kOutput == Output::kWrite && count == 0) {
+    region.clear();
+    region.store(f);
+  } else if (kOutput == Output::kWrite && empty && count == 1 && entries[list[0]].alone() && region.whole(f)) {
+    region.fill(entries[list[0]]);
+    region.store(f);
+  } else {
+    region.begin(f);
+    region.clear();
+    if (!empty) region.load(f);
+    draw_all(region, entries, list, count, empty, records);
+    if (kOutput == Output::kWrite)
+      region.store(f);
+    else
+      region.merge(f);
+  }
+}
+
+// Draws the patches that are this block's, by all of its threads. What can be seen gathers in shared memory; then each warp draws its region of each patch, the pixels in registers, mostly
+// once. If more gathers than there is room for, the patches are drawn several times, each time from what the last one left. Before: begin_turn(f, blockIdx.x), PatchShared::begin, a barrier.
+// Candidates: const Record* records; of those that all patches look at uint32_t box(int i), int slot(int i); kLists: there can be more of them than half as many as threads, and there are
+// lists for each bin besides, int listed(int bin_x, int bin_y), int listed_slot(int bin_x, int bin_y, int i).
 template <int kWarps, Output kOutput, class Candidates>
 __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& candidates, int room) {
   constexpr int kThreads = kWarps * kWarp;
-  constexpr bool kMany = Candidates::kMany;
+  constexpr bool kLists = Candidates::kLists;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   room = min_of(room, PatchShared<kWarps>::kMaxEntries);
   for (;;) {
-    if constexpr (kMany) {
-      const int k = (int)this_thread();
-      if (k < kWarp) {
-        if (k < kTurn) s->listed[k] = k < s->patches ? candidates.listed(s->patch[k].bin_x(), s->patch[k].bin_y()) : 0;
-        __syncwarp();
-        if (k == 0) {
-          int most = 0;
-          for (int n : s->listed) most = max_of(most, n);
-          s->look_at(most + s->count);
-        }
-      }
-      __syncthreads();
-    }
-    if (kMany && s->together == 0) {  // look at them once for all patches
-      unsigned touched = 0;
-      if (this_thread() < kTurn && s->listed[this_thread()] > 0) touched = 1u << this_thread();
-      find_box<kMany>(candidates, (int)this_thread(), kThreads, s->count, [&](uint32_t box) {
-#pragma unroll
-        for (int k = 0; k < kTurn; ++k) touched |= in_box(box, s->patch[k].bin_x(), s->patch[k].bin_y()) ? 1u << k : 0;
-        return false;
-      });
-      if (touched) atomicOr(&s->touched, touched);
-      __syncthreads();
+    if constexpr (kLists) {
+      measure_lists<kWarps>(candidates);
+      if (s->together_bits == 0) find_touched<kWarps>(candidates);
     }
     for (int group = 0;;) {
-      if (kMany && reread(s->together) == 0)  // then a group is one patch
+      if (kLists && reread(s->together_bits) == 0)  // then a group is one patch
         for (; group < s->patches && !(s->touched >> group & 1); ++group)
-          if (kOutput == Output::kWrite && !s->drawn && group >= s->cleared) {
-            Region region = region_of(s->patch[group]);
-            region.clear();
-            region.store(f);
-          }
+          if (kOutput == Output::kWrite && !s->drawn && group >= s->cleared) draw_background(f, s->patch[group]);
       if (group >= reread(s->patches)) break;
       gather<kWarps>(candidates, group, room);
-      const int together = s->together;
+      const int together_bits = s->together_bits;
       const bool again = s->drawn | s->resumed;
 #pragma unroll 1
-      for (int k = 0; k < min_of(1 << together, s->patches - group); ++k) {
+      for (int k = 0; k < min_of(1 << together_bits, s->patches - group); ++k) {
         const Patch<kWarps> patch = s->patch[group + k];
-        if (patch.waiting == 0 && (kOutput == Output::kMerge || again || (kMany && group + k < s->cleared))) continue;
-        const uint16_t* const list = s->list + k * (kThreads >> together);
+        if (patch.waiting == 0 && (kOutput == Output::kMerge || again || (kLists && group + k < s->cleared))) continue;
+        const uint16_t* const list = s->list + k * (kThreads >> together_bits);
         const bool empty = kOutput == Output::kMerge || !again;
         Region region = region_of(patch);
-        if (kOutput == Output::kWrite && patch.waiting == 0) {
-          region.clear();
-          region.store(f);
-        } else if (kOutput == Output::kWrite && empty && patch.waiting == 1 && s->entries[list[0]].alone() && region.whole(f)) {
-          region.fill(s->entries[list[0]]);
-          region.store(f);
-        } else {
-          region.begin(f);
-          region.clear();
-          if (!empty) region.load(f);
-          draw_all(region, s->entries, list, patch.waiting, empty, candidates.records);
-          if (kOutput == Output::kWrite)
-            region.store(f);
-          else
-            region.merge(f);
-        }
+        draw_region<kOutput>(f, region, s->entries, list, patch.waiting, empty, candidates.records);
       }
       const bool finished = reread(s->entry_count) <= room;
-      group += finished ? 1 << together : 0;
-      if (group >= reread(s->patches) && reread(s->last)) return;
+      group += finished ? 1 << together_bits : 0;
+      if (group >= reread(s->patches) && reread(s->last_turn)) return;
       __syncthreads();
       if (this_thread() < kTurn) s->patch[this_thread()].waiting = 0;
       if (this_thread() == 0) {
@@ -309,8 +335,8 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
       }
       __syncthreads();
     }
-    if (reread(s->last)) return;
-    const int next = reread(s->next);
+    if (reread(s->last_turn)) return;
+    const int next = reread(s->next_turn);
     __syncthreads();  // nobody looks at the patches of this turn any more
     begin_turn<kWarps>(f, next);
     __syncthreads();

@@ -1,7 +1,8 @@
-// The persistent-kernel variant: one kernel whose blocks stay. All set up triangles and put them into a queue for each bin; then blocks own bins, first come, first served, draw a bin's queue into a
-// copy of the bin in shared memory, a warp owning a row of its tiles, and write each pixel once. Between the two all blocks wait for each other.
+// The persistent-kernel variant: one kernel whose blocks stay. All set up triangles and put them into a queue for each bin; then blocks own bins, first come, first served, draw a bin's
+// queue into a copy of the bin in shared memory, a warp owning a row of its tiles, and write each pixel once. Between the two all blocks wait for each other.
 // More triangles than there is room for records take several passes, each going on from the frame that the last one left.
 
+#include "depth_image.cuh"
 #include "direct.cuh"
 
 namespace bigtri {
@@ -16,8 +17,7 @@ struct Counters {
   uint32_t arrived;  // at the barriers, in all
   uint32_t parts;  // of clipped triangles
   uint32_t deferred;  // triangles whose parts found no room
-  uint32_t next_bin, next_deferred;
-  uint32_t pad;
+  uint32_t next_bin;
   unsigned long long dropped;
 };
 
@@ -34,8 +34,8 @@ struct Job {
 
 Job take_job(Scratch* scratch, const Frame& f, const Tuning& t) {
   Job j;
-  j.bins_x = (f.view.width + kBin - 1) / kBin;
-  j.bins_y = (f.view.height + kBin - 1) / kBin;
+  j.bins_x = bin_columns(f.view);
+  j.bins_y = bin_rows(f.view);
   j.pass = min_of(f.count, kPassTriangles);
   j.parts = (int)min_of<int64_t>(kPassParts, min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
   const int64_t bins = (int64_t)j.bins_x * j.bins_y, records = (int64_t)j.pass + j.parts;
@@ -63,36 +63,31 @@ __device__ void wait_for_all(Counters* c, uint32_t* expected) {
   __syncthreads();
 }
 
-__device__ __forceinline__ void put(const Job& j, int bin_x, int bin_y, uint32_t slot) {
-  const int bin = bin_y * j.bins_x + bin_x;
+// The record in a slot to the queue of bin i of its bins, unless an edge rejects that.
+__device__ __forceinline__ void put(const Job& j, const Record& r, const BinBox& bins, int i, uint32_t slot) {
+  const int bin_x = bins.x + i % bins.columns, bin_y = bins.y + i / bins.columns, bin = bin_y * j.bins_x + bin_x;
+  NarrowEdge edge[3];
+  if (!narrow_edges(r, bin_x, bin_y, edge)) return;
   const uint32_t at = atomicAdd(&j.bin_count[bin], 1u);
   if (at < (uint32_t)j.room) j.queues[(int64_t)bin * j.room + at] = slot;
 }
 
 // The lanes' records to the queues of their bins: a lane its own where it has few, all lanes together where one has many.
-__device__ __forceinline__ void enqueue(const Job& j, bool have, uint32_t slot) {
+__device__ __forceinline__ void queue_records(const Job& j, bool have, uint32_t slot) {
   constexpr int kFew = 4;
-  int x0 = 0, y0 = 0, across = 0, bins = 0;
+  BinBox bins = {0, 0, 0, 0};
   if (have) {
     const Record& r = j.records[slot];
-    x0 = r.x0 / kBin, y0 = r.y0 / kBin;
-    across = (r.x1 - 1) / kBin - x0 + 1;
-    bins = across * ((r.y1 - 1) / kBin - y0 + 1);
-    NarrowEdge edge[3];
-    if (bins <= kFew)
-      for (int i = 0; i < bins; ++i)
-        if (narrow_edges(r, x0 + i % across, y0 + i / across, edge)) put(j, x0 + i % across, y0 + i / across, slot);
+    bins = bin_box(r);
+    if (bins.count <= kFew)
+      for (int i = 0; i < bins.count; ++i) put(j, r, bins, i, slot);
   }
   __syncwarp();
-  for (unsigned todo = __ballot_sync(kAllLanes, bins > kFew); todo; todo &= todo - 1) {
+  for (unsigned todo = __ballot_sync(kAllLanes, bins.count > kFew); todo; todo &= todo - 1) {
     const int lane = __ffs(todo) - 1;
     const uint32_t its = __shfl_sync(kAllLanes, slot, lane);
-    const int x = __shfl_sync(kAllLanes, x0, lane), y = __shfl_sync(kAllLanes, y0, lane), wide = __shfl_sync(kAllLanes, across, lane),
-              n = __shfl_sync(kAllLanes, bins, lane);
-    for (int i = lane_id(); i < n; i += kWarp) {
-      NarrowEdge edge[3];
-      if (narrow_edges(j.records[its], x + i % wide, y + i / wide, edge)) put(j, x + i % wide, y + i / wide, its);
-    }
+    const BinBox box = of_lane(bins, lane);
+    for (int i = lane_id(); i < box.count; i += kWarp) put(j, j.records[its], box, i, its);
   }
 }
 
@@ -124,7 +119,7 @@ __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int coun
     if (fate == Fate::kWhole) fill_record(p, base + slot, &j.records[slot]);
     if (slot < count) j.valid[slot] = fate == Fate::kWhole;
     __syncwarp();
-    enqueue(j, fate == Fate::kWhole, (uint32_t)slot);
+    queue_records(j, fate == Fate::kWhole, (uint32_t)slot);
     for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
       const int32_t triangle = (int32_t)(base + first + __ffs(todo) - 1);
       Primitive part;
@@ -144,7 +139,7 @@ __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int coun
         j.valid[its] = 1;
       }
       __syncwarp();
-      enqueue(j, have, its);
+      queue_records(j, have, its);
     }
     const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
     if (dropped && lane_id() == 0) atomicAdd(&j.counters->dropped, (unsigned long long)__popc(dropped));
@@ -219,7 +214,7 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
   if (threadIdx.x == 0) j.bin_count[bin] = 0;  // for the next pass
 }
 
-// Clipped triangles whose parts found no room, onto the finished frame.
+// Clipped triangles whose parts found no room, onto what this pass has drawn.
 __device__ void draw_deferred(const Frame& f, const Job& j, int count, Shared* s) {
   const int warp = threadIdx.x / kWarp;
   for (int i = blockIdx.x * kWarps + warp; i < count; i += gridDim.x * kWarps) {
@@ -227,13 +222,7 @@ __device__ void draw_deferred(const Frame& f, const Job& j, int count, Shared* s
     const bool have = clip_part(f, j.deferred[i], &s->warp[warp].clip, &part);
     Record record;
     if (have) fill_record(part, j.deferred[i], &record);
-    for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
-      __syncwarp();
-      if (lane_id() == __ffs(todo) - 1) s->warp[warp].record = record;
-      __syncwarp();
-      warp_draw(f, s->warp[warp].record);
-    }
-    __syncwarp();
+    draw_now(f, record, have, &s->warp[warp].record);
   }
 }
 

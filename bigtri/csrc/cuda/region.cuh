@@ -1,4 +1,5 @@
-// Owned pixels: a warp owns 16x16 px, a lane 8 of them in registers, and writes each once: no clear, no atomics.
+// Owned pixels: a warp owns 16x16 px, a lane 8 of them in registers, and stores each once: no clear, no atomics. Where others draw at the same time, it merges each with one atomic minimum
+// instead.
 #pragma once
 
 #include "fragment.cuh"
@@ -6,10 +7,11 @@
 namespace bigtri {
 namespace {
 
-constexpr int kRegion = 16;       // px
-constexpr int kLanePixels = 8;    // two next to each other in each of four rows, four rows apart
+constexpr int kRegion = 16;  // px
+constexpr int kLanePixels = 8;  // two next to each other in each of four rows, four rows apart
 
-// In one instruction: the compiler would make two of most. Streaming: nobody here reads them again, and lines that leave the cache first in the order in which they came are written out faster.
+// In one instruction: the compiler would make two of most. Streaming: nobody here reads them again, and lines that leave the cache first in the order in which they came are written out
+// faster.
 __device__ __forceinline__ void store_pair(int64_t* to, int64_t a, int64_t b) {
   asm volatile("st.global.cs.v2.s64 [%0], {%1, %2};" ::"l"(to), "l"(a), "l"(b) : "memory");
 }
@@ -82,21 +84,19 @@ struct Region {
     if (e.thin() || e.far()) return draw_special(e, covered, records);
     if (first && e.plain())  // as most of large triangles
       each_depth(e, [&](int n, double z) {
-        if (covered & bit_of(n)) best[n] = packed_of((float)z, e);
+        if (covered & bit_of(n)) best[n] = pack_depth((float)z, e.triangle);
       });
     else
       each_depth(e, [&](int n, double z) {
-        const int64_t packed = packed_of(finish_depth(z, e.zmin, e.zmax), e);
+        const int64_t packed = pack_depth(finish_depth(z, e.zmin, e.zmax), e.triangle);
         if ((covered & bit_of(n)) && packed < best[n]) best[n] = packed;
       });
   }
 
   // draw() of an entry that covers all of the region, where nothing else does: begin() and clear() are not needed.
   __device__ __forceinline__ void fill(const Entry& e) {
-    each_depth(e, [&](int n, double z) { best[n] = packed_of((float)z, e); });
+    each_depth(e, [&](int n, double z) { best[n] = pack_depth((float)z, e.triangle); });
   }
-
-  static __device__ __forceinline__ int64_t packed_of(float depth, const Entry& e) { return (int64_t)((uint64_t)float_bits(depth) << 32 | e.triangle); }
 
   // Calls use(index in best, plane) for the lane's pixels.
   template <class Use>

@@ -23,18 +23,6 @@ __device__ __forceinline__ unsigned warp_min(unsigned v) {
 #endif
 }
 
-// Of `count` numbers, by a warp; all lanes get the result.
-__device__ __forceinline__ int warp_sum(const int32_t* v, int count) {
-  int sum = 0;
-  for (int i = lane_id(); i < count; i += kWarp) sum += v[i];
-#if __CUDA_ARCH__ >= 800
-  return __reduce_add_sync(kAllLanes, sum);
-#else
-  for (int step = kWarp / 2; step; step /= 2) sum += __shfl_xor_sync(kAllLanes, sum, step);
-  return sum;
-#endif
-}
-
 __device__ __forceinline__ void load_vertex(const Frame& f, int64_t i, float v[4]) {
   if (((uintptr_t)f.positions & 15) == 0) {
     const float4 q = __ldg(reinterpret_cast<const float4*>(f.positions) + i);
@@ -105,11 +93,10 @@ __device__ __forceinline__ void count_dropped(const Frame& f, Fate fate) {
   if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
 }
 
-// The corners of `count` triangles from `base` on, by `threads` threads: where triangles are few, three threads for one take a third of the time. An index that names no vertex makes
-// its triangle one to drop.
-__device__ __forceinline__ void project_corners(const Frame& f, int64_t base, int count, Vertex* corners, int thread, int threads) {
-  for (int c = thread; c < 3 * count; c += threads) {
-    const int32_t index = __ldg(f.triangles + 3 * base + c);
+// The corners of all triangles, by `threads` threads: where triangles are few, three threads for one take a third of the time. An index that names no vertex makes its triangle one to drop.
+__device__ __forceinline__ void project_corners(const Frame& f, Vertex* corners, int thread, int threads) {
+  for (int c = thread; c < 3 * f.count; c += threads) {
+    const int32_t index = __ldg(f.triangles + c);
     corners[c] = index >= 0 && index < f.vertices ? load_and_project(f, index) : Vertex{0, 0, 0.0f, kNonFinite};
   }
 }
@@ -128,15 +115,7 @@ __device__ __forceinline__ int clip_polygon(const float v[3][4], int width, int 
   uint32_t outside = 0;
   for (int k = 0; k < 3; ++k) outside |= vertex_flags(v[k], width, height) & kOutsideMask;
   __syncwarp();
-  if (lane < 3) {
-    const int first = first_slot(v), corner = first + lane > 2 ? first + lane - 3 : first + lane;
-    ClipVertex& slot = s->slots[lane];
-    for (int i = 0; i < 4; ++i) slot.position[i] = corner == 0 ? v[0][i] : corner == 1 ? v[1][i] : v[2][i];
-    slot.edges = (1u << lane) | (1u << (lane == 0 ? 2 : lane - 1));
-    slot.made = 0;
-    for (int i = 0; i < 3; ++i) slot.weights[i] = i == lane ? 1.0 : 0.0;
-    s->polygon[lane] = slot;
-  }
+  if (lane < 3) s->polygon[lane] = s->slots[lane] = make_slot(v, first_slot(v), lane);
   int n = 3;
   for (int k = 0; k < kPlanes; ++k) {
     if (!(outside >> k & 1)) continue;

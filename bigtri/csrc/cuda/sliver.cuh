@@ -1,4 +1,5 @@
-// Slivers: long and thin triangles, a lane to a line of pixels across. Where the line meets the sliver follows from two divisions for each edge, done once; crossing_of says why that is exact.
+// Slivers: long and thin triangles, a lane to a line of pixels across. Where the line meets the sliver follows from two divisions for each edge, done once; crossing_of says why that is
+// exact.
 #pragma once
 
 #include "fragment.cuh"
@@ -14,7 +15,7 @@ __device__ __forceinline__ bool is_sliver(const Primitive& p) {
   return max_of(p.x1 - p.x0, p.y1 - p.y0) >= kSliverLines && p.area <= (int64_t)(2 * kSliverWidth * kSubpixel) * extent_of(p);
 }
 
-// A block draws a sliver over so many cells along it. Each of their columns it meets in at most so many rows of cells, if it is as thin as slivers are.
+// A block draws a sliver over so many cells along it. At each of these it meets at most so many rows of cells across, if it is as thin as slivers are.
 constexpr int kSliverCells = 64, kSliverRows = 3;
 constexpr int kSliverChunk = kSliverCells * kBin;  // px
 constexpr int kSliverThreads = 128;  // of a block, at least
@@ -23,8 +24,8 @@ static_assert(kSliverChunk <= 32 * kSliverThreads, "a bit for each of a thread's
 // Chunks that any sliver of a frame can have.
 __host__ __device__ inline int sliver_chunks(const Viewport& v) { return (max_of(v.width, v.height) + kSliverChunk - 1) / kSliverChunk; }
 
-// Where line n of a chunk crosses an edge: first + next * n, in pixels across, counted so that rounding up gives the first pixel inside where lines enter there, and minus the last one where they
-// leave. Minus infinity, which bounds nothing, where that would not be exact.
+// Where line n of a chunk crosses an edge: first + next * n, in pixels across, counted so that rounding up gives the first pixel inside where lines enter there, and minus the last one where
+// they leave. Minus infinity, which bounds nothing, where that would not be exact.
 struct Crossing {
   double first, next;
   bool enters, exact;
@@ -32,8 +33,8 @@ struct Crossing {
   __device__ __forceinline__ int rounded(int n) const { return __double2int_ru(__fma_rn(next, (double)n, first)); }
 };
 
-// f: the edge at the first pixel of the first line. A quotient of integers with a denominator below 2^24 is an integer or more than 2^-24 away from one. Where a line's crossing changes by no more than
-// kSteepest from line to line, all that is rounded here is below 2^-31 together, for crossings that can matter: less than the slack, which is less than the distance.
+// f: the edge at the first pixel of the first line. A quotient of integers with a denominator below 2^24 is an integer or more than 2^-24 away from one. Where a line's crossing changes by
+// no more than kSteepest from line to line, all that is rounded here is below 2^-31 together, for crossings that can matter: less than the slack, which is less than the distance.
 __device__ __forceinline__ Crossing crossing_of(int64_t f, int32_t step, int32_t to_next) {
   constexpr double kSlack = 1.0 / (1 << 25);
   constexpr int kSteepest = 256;
@@ -49,6 +50,22 @@ __device__ __forceinline__ Crossing crossing_of(int64_t f, int32_t step, int32_t
 struct Lines {
   int begin, end;
 };
+
+// In how many bands of rows slivers are drawn, all in one before any in the next: two where half of the image stays in the cache, but not all of it. The lower one comes first, for it is
+// what has been written last.
+// Four fifths of the cache count as the image's: records pass through it too.
+inline cudaError_t sliver_bands(const Frame& f, const Tuning& t, int* bands) {
+  int64_t cache = t.cache;
+  if (cache == 0) {
+    int device, bytes;
+    BIGTRI_CUDA(cudaGetDevice(&device));
+    BIGTRI_CUDA(cudaDeviceGetAttribute(&bytes, cudaDevAttrL2CacheSize, device));
+    cache = bytes;
+  }
+  const int64_t bytes = (int64_t)f.view.width * f.view.height * (int64_t)sizeof(int64_t), held = cache / 5 * 4;
+  *bands = bytes > held && bytes <= 2 * held ? 2 : 1;
+  return cudaSuccess;
+}
 
 // Shared memory of a block: a sliver, where a chunk's lines cross its edges, and the planes of the cells that it meets, by their anchors.
 struct SliverShared {
@@ -68,14 +85,12 @@ __device__ __forceinline__ void prefetch(const Record* record) {
   asm volatile("prefetch.global.L1 [%0];" ::"l"(__cvta_generic_to_global(from)));
 }
 
-__device__ __forceinline__ int32_t extent(const int32_t v[3]) { return max_of(max_of(v[0], v[1]), v[2]) - min_of(min_of(v[0], v[1]), v[2]); }
-
 // Pixels `from` to `last` of a line, each with a test and a plane of its own: for the ends of slivers, and for odd ones.
-__device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* record, bool wide, int line, int from, int last) {
+__device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* record, bool columns, int line, int from, int last) {
   const Record& r = *record;
 #pragma unroll 1
   for (int m = from; m <= last; ++m) {
-    const int px = wide ? line : m, py = wide ? m : line;
+    const int px = columns ? line : m, py = columns ? m : line;
     int64_t outside = 0;
     for (int k = 0; k < 3; ++k) outside |= edge_steps(edge_of(r.x, r.y, k), px, py);
     if (outside < 0) continue;
@@ -90,9 +105,9 @@ __device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* reco
   }
 }
 
-// A sliver's lines in one chunk and band of rows of the image: whatever is rounded here, all bands together have all lines. wide: lines are columns.
-__device__ __forceinline__ Lines lines_of(const Record& r, bool wide, int chunk, int height, int band, int bands) {
-  const Lines all = {max_of(chunk * kSliverChunk, wide ? r.x0 : r.y0), min_of((chunk + 1) * kSliverChunk, wide ? r.x1 : r.y1)};
+// A sliver's lines in one chunk and band of rows of the image: whatever is rounded here, all bands together have all lines. columns: lines are columns.
+__device__ __forceinline__ Lines lines_of(const Record& r, bool columns, int chunk, int height, int band, int bands) {
+  const Lines all = {max_of(chunk * kSliverChunk, columns ? r.x0 : r.y0), min_of((chunk + 1) * kSliverChunk, columns ? r.x1 : r.y1)};
   if (bands == 1 || all.begin >= all.end) return all;
   int a = 0, b = 0;  // its ends
   for (int k = 1; k < 3; ++k) {
@@ -100,34 +115,41 @@ __device__ __forceinline__ Lines lines_of(const Record& r, bool wide, int chunk,
     b = r.x[k] > r.x[b] ? k : b;
   }
   const float rise = (float)(r.y[b] - r.y[a]), run = (float)(r.x[b] - r.x[a]);
-  const bool down = !wide || rise >= 0.0f;  // from line to line
+  const bool down = !columns || rise >= 0.0f;  // from line to line
   const auto border = [&](int k) {  // between bands k - 1 and k
     if (k == 0 || k == bands) return (k == 0) == down ? all.begin : all.end;
     const int y = height * k / bands;
-    const float at = wide ? ((float)r.x[a] + __fdividef((float)(y * kSubpixel - r.y[a]), rise) * run) * (1.0f / kSubpixel) : (float)y;
+    const float at = columns ? ((float)r.x[a] + __fdividef((float)(y * kSubpixel - r.y[a]), rise) * run) * (1.0f / kSubpixel) : (float)y;
     return (int)fminf(fmaxf(at, (float)all.begin), (float)all.end);
   };
   const int above = border(band), below = border(band + 1);
   return {min_of(above, below), max_of(above, below)};
 }
 
-// Lines s->part of the sliver s->record, by all threads of a block, at least kSliverThreads, on a frame that has been cleared. kWide: a line is a column of the image, else a row. A call, so that its
-// registers cost its callers nothing.
-template <bool kWide>
-__device__ __noinline__ void draw_sliver(const Frame& f, SliverShared* s) {
-  const Record& r = s->record;
-  const int begin = s->part.begin, lines = s->part.end - begin;
-  if (lines <= 0) return;
-  const int low = kWide ? r.y0 : r.x0, end = (kWide ? r.y1 : r.x1) - low;  // pixels of a line
-  if (threadIdx.x < 3) {
-    const Edge e = edge_of(r.x, r.y, (int)threadIdx.x);
-    s->crossing[threadIdx.x] = crossing_of(edge_steps(e, kWide ? begin : low, kWide ? low : begin), kWide ? e.dx : -e.dy, kWide ? -e.dy : e.dx);
+// What a thread knows of the lines s->part of the sliver s->record; line n, n = 0 .. lines - 1, is line begin + n of the image. kColumns: lines are columns, else rows.
+template <bool kColumns>
+struct SliverLines {
+  SliverShared* s;
+  const Record& r;
+  int begin, lines;
+  int low, end;  // pixels of a line that are in the bbox: from `low` on, `end` of them
+  Crossing crossing[3];
+
+  __device__ __forceinline__ explicit SliverLines(SliverShared* shared)
+      : s(shared), r(s->record), begin(s->part.begin), lines(s->part.end - begin), low(kColumns ? r.y0 : r.x0), end((kColumns ? r.y1 : r.x1) - low) {}
+
+  // Where the lines cross the edges. By all threads, with a barrier in between.
+  __device__ __forceinline__ void find_crossings() {
+    if (threadIdx.x < 3) {
+      const Edge e = edge_of(r.x, r.y, (int)threadIdx.x);
+      s->crossing[threadIdx.x] = crossing_of(edge_steps(e, kColumns ? begin : low, kColumns ? low : begin), kColumns ? e.dx : -e.dy, kColumns ? -e.dy : e.dx);
+    }
+    __syncthreads();
+    for (int k = 0; k < 3; ++k) crossing[k] = s->crossing[k];
   }
-  __syncthreads();
-  const Crossing crossing[3] = {s->crossing[0], s->crossing[1], s->crossing[2]};
-  const bool exact = !(r.flags & kRecordThin) && crossing[0].exact && crossing[1].exact && crossing[2].exact;
+
   // Of line n: the first pixel, at most `end`, and the last.
-  const auto span = [&](int n, int* from, int* last) {
+  __device__ __forceinline__ void span(int n, int* from, int* last) const {
     *from = 0;
     *last = end - 1;
     for (int k = 0; k < 3; ++k) {
@@ -138,59 +160,87 @@ __device__ __noinline__ void draw_sliver(const Frame& f, SliverShared* s) {
         *last = min_of(*last, -max_of(at, -end));
     }
     *from = min_of(*from, end);
-  };
-  const int first_cell = begin / kBin;
-  for (int i = threadIdx.x; i < kSliverCells * kSliverRows; i += blockDim.x) {
-    const int column = i / kSliverRows, cell = first_cell + column, which = i % kSliverRows;
-    if (cell * kBin >= begin + lines) break;
-    int from[2], last;
-    span(max_of(cell * kBin - begin, 0), &from[0], &last);
-    span(min_of(cell * kBin + kBin - begin, lines) - 1, &from[1], &last);
-    const int row = (low + min_of(from[0], from[1])) / kBin;
-    s->zcell[column][which] = depth_at(r.x, r.y, r.z, r.area, (kWide ? cell : row + which) * kBin, (kWide ? row + which : cell) * kBin);
-    if (which == 0) s->row[column] = row;
   }
-  __syncthreads();
+
+  // The planes of the cells along the sliver. By all threads; ends with a barrier.
+  __device__ __forceinline__ void prepare_cells() {
+    const int first_cell = begin / kBin;
+    for (int i = threadIdx.x; i < kSliverCells * kSliverRows; i += blockDim.x) {
+      const int number = i / kSliverRows, cell = first_cell + number, which = i % kSliverRows;
+      if (cell * kBin >= begin + lines) break;
+      int from[2], last;
+      span(max_of(cell * kBin - begin, 0), &from[0], &last);
+      span(min_of(cell * kBin + kBin - begin, lines) - 1, &from[1], &last);
+      const int row = (low + min_of(from[0], from[1])) / kBin;
+      s->zcell[number][which] = depth_at(r.x, r.y, r.z, r.area, (kColumns ? cell : row + which) * kBin, (kColumns ? row + which : cell) * kBin);
+      if (which == 0) s->row[number] = row;
+    }
+    __syncthreads();
+  }
+
+  // Draws each line by a thread, its pixels where two quotients say. Returns which of the thread's lines are odd and still to be drawn, a bit each.
+  __device__ __forceinline__ uint32_t draw(const Frame& f) const {
+    const bool exact = !(r.flags & kRecordThin) && crossing[0].exact && crossing[1].exact && crossing[2].exact;
+    const int first_cell = begin / kBin;
+    const double dzdx = r.dzdx, dzdy = r.dzdy;
+    const float zmin = r.zmin, zmax = r.zmax;
+    const uint32_t triangle = r.triangle;
+    int64_t* const packed = f.packed;
+    const int width = f.view.width;
+    uint32_t odd = 0;
+#pragma unroll 1
+    for (int base = 0, turn = 0; base < lines; base += blockDim.x, ++turn) {
+      const int n = min_of(base + (int)threadIdx.x, lines - 1);
+      int from, last;
+      span(n, &from, &last);
+      from += low;
+      last = base + (int)threadIdx.x < lines ? last + low : -1;
+      const int line = begin + n, number = (line >> kBinBits) - first_cell;
+      const int row = s->row[number];
+      const double across = exact_double(line & (kBin - 1));
+      if (from <= last && (!exact || (from >> kBinBits) < row || (last >> kBinBits) >= row + kSliverRows)) {
+        odd |= 1u << turn;
+        last = -1;
+      }
+      const double* const zcell = s->zcell[number] - row;
+#pragma unroll 1
+      for (int m = from; m <= last; ++m) {
+        const double along = exact_double(m & (kBin - 1));
+        const double z = plane_row<double>(zcell[m >> kBinBits], dzdy, kColumns ? along : across) + plane_column<double>(dzdx, kColumns ? across : along);
+        const int at = kColumns ? m * width + line : line * width + m;
+        keep_nearest(packed + (uint32_t)at, pack_fragment(finish_depth(z, zmin, zmax), triangle), false);
+      }
+      __syncwarp();  // lanes that have fewer pixels must not go ahead and draw on their own
+    }
+    return odd;
+  }
+
+  // What `draw` has left, pixel by pixel.
+  __device__ __forceinline__ void draw_odd(const Frame& f, uint32_t odd) const {
+    for (; odd; odd &= odd - 1) {
+      const int n = (__ffs(odd) - 1) * (int)blockDim.x + (int)threadIdx.x;
+      int from, last;
+      span(n, &from, &last);
+      draw_sliver_line(f, &r, kColumns, begin + n, low + from, low + last);
+    }
+  }
+};
+
+// Draws the lines s->part of the sliver s->record, by all threads of a block, at least kSliverThreads, on a frame that has been cleared. A call, so that its registers cost its callers
+// nothing.
+template <bool kColumns>
+__device__ __noinline__ void draw_sliver(const Frame& f, SliverShared* s) {
+  SliverLines<kColumns> lines(s);
+  if (lines.lines <= 0) return;
+  lines.find_crossings();
+  lines.prepare_cells();
   wait_for_previous();  // its pixels
-  const double dzdx = r.dzdx, dzdy = r.dzdy;
-  const float zmin = r.zmin, zmax = r.zmax;
-  const uint32_t triangle = r.triangle;
-  int64_t* const packed = f.packed;
-  const int width = f.view.width;
-  uint32_t odd = 0;  // the thread's lines that are drawn last, a bit each
-#pragma unroll 1
-  for (int base = 0, turn = 0; base < lines; base += blockDim.x, ++turn) {
-    const int n = min_of(base + (int)threadIdx.x, lines - 1);
-    int from, last;
-    span(n, &from, &last);
-    from += low;
-    last = base + (int)threadIdx.x < lines ? last + low : -1;
-    const int line = begin + n, column = (line >> kBinBits) - first_cell;
-    const int row = s->row[column];
-    const double across = exact_double(line & (kBin - 1));
-    if (from <= last && (!exact || (from >> kBinBits) < row || (last >> kBinBits) >= row + kSliverRows)) {
-      odd |= 1u << turn;
-      last = -1;
-    }
-    const double* const zcell = s->zcell[column] - row;
-#pragma unroll 1
-    for (int m = from; m <= last; ++m) {
-      const double along = exact_double(m & (kBin - 1));
-      const double z = plane_row<double>(zcell[m >> kBinBits], dzdy, kWide ? along : across) + plane_column<double>(dzdx, kWide ? across : along);
-      const int at = kWide ? m * width + line : line * width + m;
-      keep_nearest(packed + (uint32_t)at, pack_fragment(finish_depth(z, zmin, zmax), triangle), false);
-    }
-    __syncwarp();  // lanes that have fewer pixels must not go ahead and draw on their own
-  }
-  for (; odd; odd &= odd - 1) {
-    const int n = (__ffs(odd) - 1) * (int)blockDim.x + (int)threadIdx.x;
-    int from, last;
-    span(n, &from, &last);
-    draw_sliver_line(f, &r, kWide, begin + n, low + from, low + last);
-  }
+  const uint32_t odd = lines.draw(f);
+  lines.draw_odd(f, odd);
 }
 
-// Of the first `count` records those that is_one(number) says are slivers, a chunk and band a block at a time, by all blocks of a grid. Drawing a sliver takes all registers, so little is kept in them meanwhile.
+// Of the first `count` records those that is_one(number) says are slivers, a chunk and band a block at a time, by all blocks of a grid. Drawing a sliver takes all registers, so little is
+// kept in them meanwhile.
 template <class IsOne>
 __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* records, int count, int bands, const IsOne& is_one, SliverShared* s) {
   constexpr int kWords = sizeof(Record) / sizeof(uint32_t);
@@ -216,13 +266,13 @@ __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* recor
       if (threadIdx.x < kWords)
         reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] = reinterpret_cast<const uint32_t*>(records + of_band / chunks())[threadIdx.x];
       __syncthreads();
-      const bool wide = extent(s->record.x) >= extent(s->record.y);
+      const bool columns = extent(s->record.x) >= extent(s->record.y);
       if (threadIdx.x == 0) {
-        s->part = lines_of(s->record, wide, (int)(of_band % chunks()), f.view.height, (int)(item / each()), bands);
+        s->part = lines_of(s->record, columns, (int)(of_band % chunks()), f.view.height, (int)(item / each()), bands);
         --s->count;
       }
       __syncthreads();
-      if (wide)
+      if (columns)
         draw_sliver<true>(f, s);
       else
         draw_sliver<false>(f, s);

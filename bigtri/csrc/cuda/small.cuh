@@ -3,6 +3,7 @@
 #pragma once
 
 #include "fragment.cuh"
+#include "launch.cuh"
 
 namespace bigtri {
 namespace {
@@ -30,10 +31,11 @@ __device__ __forceinline__ bool is_small(const Primitive& p) {
          !is_thin(p.x, p.y, p.area);
 }
 
-// One edge of a small triangle in float32. Its values over a box are integers below 2^21, so float32 holds them exactly, and so are its steps. A row of eight pixels crosses it at a quotient of the two,
-// which is an integer or at least 2^-13 away from one: float32 quotients below 8 are off by 2^-19 at most, and a slack between the two makes them exact where they are rounded to integers.
-// What a row's crossing is multiplied with so that rounding it to an integer gives how far 0xff00 has to be shifted for the row's coverage: by 8 where all eight pixels are inside, by less where the first
-// ones are not, by more where the last ones are not.
+// One edge of a small triangle in float32. Its values over a box are integers below 2^21, so float32 holds them exactly, and so are its steps. A row of eight pixels crosses it at a quotient
+// of the two, which is an integer or at least 2^-13 away from one: float32 quotients below 8 are off by 2^-19 at most, and a slack between the two makes them exact where they are rounded to
+// integers.
+// What a row's crossing is multiplied with so that rounding it to an integer gives how far 0xff00 has to be shifted for the row's coverage: by 8 where all eight pixels are inside, by less
+// where the first ones are not, by more where the last ones are not.
 struct RowEdge {
   float at, to_next;  // f at the first pixel of the row, and its step to the next row
   float scale, offset, direction;
@@ -74,80 +76,101 @@ __device__ __forceinline__ Primitive primitive_of(const Record& r) {
   return p;
 }
 
-// Draws the lanes' small primitives, all lanes together; have: whether this one has any.
-__device__ __forceinline__ void draw_small(const Frame& f, const Primitive& p, uint32_t triangle, bool have, SmallShared* s) {
-  const int lane = lane_id();
-  SmallShared::Box& mine = s->box[lane];
-  int32_t start[3], sx[3], sy[3];  // f at the corner of the bbox, and its steps
-  const Divisor area = divisor(have ? (double)p.area : 1.0);
-  __syncwarp();
-  if (have) {
-    const DepthGradient g = depth_gradient(p.x, p.y, p.z, area);
-    mine.dzdx = g.dzdx;
-    mine.dzdy = g.dzdy;
-    mine.zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
-    mine.zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
-    mine.triangle = triangle;
-    for (int k = 0; k < 3; ++k) {
-      const Edge e = edge_of(p.x, p.y, k);
-      start[k] = (int32_t)edge_steps(e, p.x0, p.y0);
-      sx[k] = -e.dy;
-      sy[k] = e.dx;
+// The edges of a lane's triangle: f at the corner of the bbox, and its steps.
+struct SmallEdges {
+  int32_t start[3], sx[3], sy[3];
+};
+
+// Notes what is the same for all pixels of the lane's triangle.
+__device__ __forceinline__ void note_triangle(const Primitive& p, uint32_t triangle, const Divisor& area, SmallShared::Box* mine, SmallEdges* edges) {
+  const DepthGradient g = depth_gradient(p.x, p.y, p.z, area);
+  mine->dzdx = g.dzdx;
+  mine->dzdy = g.dzdy;
+  mine->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
+  mine->zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
+  mine->triangle = triangle;
+  for (int k = 0; k < 3; ++k) {
+    const Edge e = edge_of(p.x, p.y, k);
+    edges->start[k] = (int32_t)edge_steps(e, p.x0, p.y0);
+    edges->sx[k] = -e.dy;
+    edges->sy[k] = e.dx;
+  }
+}
+
+// Which pixels of a box of eight a side the lane's triangle covers; upper, lower: four rows each, a byte a row. Notes where the box lies. x, y: its corner, which moves on to the next box;
+// returns whether there is one.
+__device__ __forceinline__ bool find_pixels(const Frame& f, const Primitive& p, const Divisor& area, const SmallEdges& edges, int* x, int* y,
+                                            SmallShared::Box* mine, uint32_t* upper, uint32_t* lower) {
+  const int x_end = min_of(p.x1, *x + kBoxSide), y_end = min_of(p.y1, *y + kBoxSide), rows = y_end - *y;
+  const int i = *x & (kBin - 1), j = *y & (kBin - 1);
+  mine->corner = (uint32_t)(*y * f.view.width + *x);  // an image has at most 2^28 pixels
+  mine->in_cell = (uint32_t)i | (uint32_t)j << 16;
+#pragma unroll 1
+  for (int cell = 0; cell < 4; ++cell)
+    if ((cell == 0) | ((cell & 1) <= (i + x_end - *x > kBin) & (cell >> 1) <= (j + rows > kBin)))
+      mine->zcell[cell] = depth_at(p.x, p.y, p.z, area, *x - i + (cell & 1) * kBin, *y - j + (cell >> 1) * kBin);
+  RowEdge edge[3];
+  for (int k = 0; k < 3; ++k) edge[k] = row_edge(edges.start[k] + (*x - p.x0) * edges.sx[k] + (*y - p.y0) * edges.sy[k], edges.sx[k], edges.sy[k]);
+  const uint32_t columns = ((1u << (x_end - *x)) - 1) * 0x01010101u, last_rows = columns & (0xffffffffu >> (8 * (-rows & 3)));
+  *upper = rows_coverage(edge) & (rows > 4 ? columns : last_rows);
+  if (rows > 4) *lower = rows_coverage(edge) & last_rows;
+  *x = x_end;
+  if (*x < p.x1) return true;
+  *x = p.x0;
+  *y = y_end;
+  return *y < p.y1;
+}
+
+// Lists the lanes' pixels, those of a lane behind those of the lanes below; returns how many there are.
+__device__ __forceinline__ int list_pixels(uint32_t upper, uint32_t lower, SmallShared* s) {
+  const int lane = lane_id(), mine = __popc(upper) + __popc(lower);
+  int end = mine;
+  for (int step = 1; step < kWarp; step *= 2) {
+    const int other = __shfl_up_sync(kAllLanes, end, step);
+    if (lane >= step) end += other;
+  }
+  const int count = __shfl_sync(kAllLanes, end, kWarp - 1);
+  uint16_t* to = s->pixels + end - mine;
+  for (int half = 0; half < 2; ++half) {
+    const int code = lane << 6 | half << 5;
+    for (uint32_t bits = half ? lower : upper; bits;) {
+      const int bit = 31 - __clz(bits);  // one instruction, unlike the lowest one
+      *to++ = (uint16_t)(code + bit);
+      bits ^= 1u << bit;
     }
   }
+  return count;
+}
+
+// Draws the pixels listed, a lane one at a time.
+__device__ __forceinline__ void draw_pixels(const Frame& f, int count, const SmallShared* s) {
+  for (int i = lane_id(); i < count; i += kWarp) {
+    const int pixel = s->pixels[i], owner = pixel >> 6;
+    const SmallShared::Box& box = s->box[owner];
+    const uint32_t x = pixel & 7, y = pixel >> 3 & 7, at = box.in_cell + (x | y << 16);
+    const double zcell = box.zcell[(at >> kBinBits & 1) | (at >> (kBinBits + 15) & 2)];
+    const double z = plane_row<double>(zcell, box.dzdy, at >> 16 & (kBin - 1)) + plane_column<double>(box.dzdx, at & (kBin - 1));
+    const int64_t packed = pack_depth(finish_depth(z, box.zmin, box.zmax), box.triangle);
+    keep_nearest(f.packed + (box.corner + y * (uint32_t)f.view.width + x), packed, false);
+  }
+}
+
+// Draws the lanes' small primitives, all lanes together; have: whether this one has any.
+__device__ __forceinline__ void draw_small(const Frame& f, const Primitive& p, uint32_t triangle, bool have, SmallShared* s) {
+  SmallShared::Box* const mine = &s->box[lane_id()];
+  SmallEdges edges;
+  const Divisor area = divisor(have ? (double)p.area : 1.0);
+  __syncwarp();
+  if (have) note_triangle(p, triangle, area, mine, &edges);
   // Boxes of eight pixels a side: one is the rule.
   int x = p.x0, y = p.y0;
   bool left = have;
   while (__any_sync(kAllLanes, left)) {
-    uint32_t upper = 0, lower = 0;  // coverage of four rows each, a byte a row
-    if (left) {
-      const int x_end = min_of(p.x1, x + kBoxSide), y_end = min_of(p.y1, y + kBoxSide), rows = y_end - y;
-      const int i = x & (kBin - 1), j = y & (kBin - 1);
-      mine.corner = (uint32_t)(y * f.view.width + x);  // an image has at most 2^28 pixels
-      mine.in_cell = (uint32_t)i | (uint32_t)j << 16;
-#pragma unroll 1
-      for (int cell = 0; cell < 4; ++cell)
-        if ((cell == 0) | ((cell & 1) <= (i + x_end - x > kBin) & (cell >> 1) <= (j + rows > kBin)))
-          mine.zcell[cell] = depth_at(p.x, p.y, p.z, area, x - i + (cell & 1) * kBin, y - j + (cell >> 1) * kBin);
-      RowEdge edge[3];
-      for (int k = 0; k < 3; ++k) edge[k] = row_edge(start[k] + (x - p.x0) * sx[k] + (y - p.y0) * sy[k], sx[k], sy[k]);
-      const uint32_t columns = ((1u << (x_end - x)) - 1) * 0x01010101u, last_rows = columns & (0xffffffffu >> (8 * (-rows & 3)));
-      upper = rows_coverage(edge) & (rows > 4 ? columns : last_rows);
-      if (rows > 4) lower = rows_coverage(edge) & last_rows;
-      x = x_end;
-      if (x == p.x1) {
-        x = p.x0;
-        y = y_end;
-        left = y < p.y1;
-      }
-    }
-    // Where this lane's pixels go: behind those of the lanes below.
-    const int mine_count = __popc(upper) + __popc(lower);
-    int end = mine_count;
-    for (int step = 1; step < kWarp; step *= 2) {
-      const int other = __shfl_up_sync(kAllLanes, end, step);
-      if (lane >= step) end += other;
-    }
-    const int count = __shfl_sync(kAllLanes, end, kWarp - 1);
-    uint16_t* to = s->pixels + end - mine_count;
-    for (int half = 0; half < 2; ++half) {
-      const int code = lane << 6 | half << 5;
-      for (uint32_t bits = half ? lower : upper; bits;) {
-        const int bit = 31 - __clz(bits);  // one instruction, unlike the lowest one
-        *to++ = (uint16_t)(code + bit);
-        bits ^= 1u << bit;
-      }
-    }
+    uint32_t upper = 0, lower = 0;
+    if (left) left = find_pixels(f, p, area, edges, &x, &y, mine, &upper, &lower);
+    const int count = list_pixels(upper, lower, s);
     __syncwarp();
-    for (int i = lane; i < count; i += kWarp) {
-      const int pixel = s->pixels[i], owner = pixel >> 6;
-      const SmallShared::Box& box = s->box[owner];
-      const uint32_t x = pixel & 7, y = pixel >> 3 & 7, at = box.in_cell + (x | y << 16);
-      const double zcell = box.zcell[(at >> kBinBits & 1) | (at >> (kBinBits + 15) & 2)];
-      const double z = plane_row<double>(zcell, box.dzdy, at >> 16 & (kBin - 1)) + plane_column<double>(box.dzdx, at & (kBin - 1));
-      const int64_t packed = (int64_t)((uint64_t)float_bits(finish_depth(z, box.zmin, box.zmax)) << 32 | box.triangle);
-      keep_nearest(f.packed + (box.corner + y * (uint32_t)f.view.width + x), packed, false);
-    }
+    draw_pixels(f, count, s);
     __syncwarp();
   }
 }
@@ -163,8 +186,21 @@ union WarpShared {
   __device__ WarpShared() {}
 };
 
-// Sets up `share` triangles per warp and draws the small ones. The others, and the parts of those that had to be clipped, go to other(primitive, triangle, whether this lane has one, shared memory for
-// a record), which all lanes call.
+// For kernels in which a warp sets up `share` triangles: as many as it has lanes, or fewer where triangles are fewer, so that there are warps enough.
+template <class Kernel>
+cudaError_t share_triangles(Kernel kernel, int threads, int64_t triangles, int* share, int64_t* blocks) {
+  int resident;
+  BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), threads, 0, &resident));
+  const int64_t warps = (int64_t)resident * (threads / kWarp);
+  *share = kWarp;
+  while (*share > 1 && triangles / *share < warps) *share /= 2;
+  const int64_t each = (int64_t)(threads / kWarp) * *share;
+  *blocks = (triangles + each - 1) / each;
+  return cudaSuccess;
+}
+
+// Sets up `share` triangles per warp and draws the small ones. The others, and the parts of those that had to be clipped, go to other(primitive, triangle, whether this lane has one, shared
+// memory for a record), which all lanes call.
 template <class Other>
 __device__ __forceinline__ void set_up_share(const Frame& f, const Vertex* projected, int share, WarpShared* block_shared, const Other& other) {
   const int warp = threadIdx.x / kWarp, warps = blockDim.x / kWarp;

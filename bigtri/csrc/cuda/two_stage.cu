@@ -1,6 +1,8 @@
-// The two-stage variant: set-up puts the pairs of (large record, bin) into one global queue; then warps take them, first come, first served, make the 64-bit masks of the bin's tiles, and draw
-// the tiles with an atomic minimum a fragment, the pixel read first. Small triangles are drawn at set-up.
+// The two-stage variant: set-up puts the pairs of (large record, bin) into one global queue; then warps take them, first come, first served, make the 64-bit masks of the bin's tiles, and
+// draw the tiles with an atomic minimum a fragment, the pixel read first. Small triangles are drawn at set-up.
 
+#include "clear.cuh"
+#include "depth_image.cuh"
 #include "direct.cuh"
 #include "small.cuh"
 
@@ -25,6 +27,7 @@ struct Queue {
 Queue take_queue(Scratch* scratch, const Frame& f, const Tuning& t) {
   Queue q;
   q.record_room = (uint32_t)min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles);
+  // Sixteen bins for each record that may wait; a queue that is as small as tests make it is small for pairs too, so that they see it full.
   q.pair_room = (uint32_t)(t.queue < 16 ? t.queue : 16 * t.queue);
   q.records = scratch->take<Record>(q.record_room);
   q.pairs = scratch->take<Pair>(q.pair_room);
@@ -34,12 +37,12 @@ Queue take_queue(Scratch* scratch, const Frame& f, const Tuning& t) {
 }
 
 // The record's bins that no edge rejects, a lane each, to the queue; what finds no room there is drawn at once. All lanes.
-__device__ __forceinline__ void enqueue(const Frame& f, const Queue& q, const Record& r, uint32_t slot) {
-  const int x0 = r.x0 / kBin, y0 = r.y0 / kBin, across = (r.x1 - 1) / kBin - x0 + 1, bins = across * ((r.y1 - 1) / kBin - y0 + 1);
-  for (int base = 0; base < bins; base += kWarp) {
-    const int i = base + lane_id(), x = x0 + i % across, y = y0 + i / across;
+__device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, const Record& r, uint32_t slot) {
+  const BinBox bins = bin_box(r);
+  for (int base = 0; base < bins.count; base += kWarp) {
+    const int i = base + lane_id(), x = bins.x + i % bins.columns, y = bins.y + i / bins.columns;
     NarrowEdge edge[3];
-    const bool kept = i < bins && narrow_edges(r, x, y, edge);
+    const bool kept = i < bins.count && narrow_edges(r, x, y, edge);
     const unsigned all = __ballot_sync(kAllLanes, kept);
     if (!all) continue;
     uint32_t at = 0;
@@ -55,7 +58,7 @@ __device__ __forceinline__ void enqueue(const Frame& f, const Queue& q, const Re
 }
 
 // Large primitives to the queue, a record at a time with all lanes, so that a huge one holds up no lane; others are drawn.
-__device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
+__device__ __noinline__ void pair_or_draw(const Frame& f, const Queue& q, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
   Record record;
   if (have) fill_record(p, triangle, &record, threshold);
   for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
@@ -70,7 +73,7 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, int64
     __syncwarp();
     slot = __shfl_sync(kAllLanes, slot, lane);
     if (slot < q.record_room)
-      enqueue(f, q, *shared, slot);
+      queue_pairs(f, q, *shared, slot);
     else
       warp_draw(f, *shared);
   }
@@ -85,7 +88,7 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
   let_next_begin();
   wait_for_previous();
   set_up_share(f, q.projected, share, shared,
-               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { queue_or_draw(f, q, threshold, p, triangle, have, record); });
+               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { pair_or_draw(f, q, threshold, p, triangle, have, record); });
 }
 
 __global__ void __launch_bounds__(kThreads) draw_pairs(const __grid_constant__ Frame f, const __grid_constant__ Queue q) {

@@ -40,7 +40,7 @@ bool set_tuning(const Tuning& t) {
   constexpr int64_t kMost = 1 << 16;  // triangles that records are kept for, all of them and all parts
   const auto within = [](int64_t v, int64_t low, int64_t high) { return v >= low && v <= high; };
   const bool ok = within(t.few, 0, kMost) && within(t.some, 0, kMost) && (t.warps == 0 || t.warps == 4 || t.warps == 8 || t.warps == 16) &&
-                  within(t.blocks, 0, 1 << 20) && within(t.entries, 1, 352) && within(t.queue, 1, 1 << 24) && t.threshold >= 0 &&
+                  within(t.blocks, 0, 1 << 20) && within(t.entries, 1, kMostEntries) && within(t.queue, 1, 1 << 24) && t.threshold >= 0 &&
                   within(t.cache, 0, int64_t{1} << 40);
   if (!ok) return false;
   const std::lock_guard<std::mutex> lock(mutex);

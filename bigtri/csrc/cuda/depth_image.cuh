@@ -1,0 +1,26 @@
+// What comes after the triangles where the depth image is not written together with the pixels.
+#pragma once
+
+#include "../core/depth.h"
+#include "launch.cuh"
+
+namespace bigtri {
+namespace {
+
+// The depth image of a finished frame.
+__global__ void write_depth(const __grid_constant__ Frame f) {
+  wait_for_previous();
+  const int64_t n = (int64_t)f.view.width * f.view.height, stride = (int64_t)gridDim.x * blockDim.x;
+  for (int64_t i = (int64_t)blockIdx.x * blockDim.x + threadIdx.x; i < n; i += stride) f.depth[i] = depth_of(f.packed[i]);
+}
+
+// A frame's last kernel, where a depth image is wanted.
+cudaError_t launch_depth(const Frame& f, const Tuning& t, cudaStream_t stream) {
+  if (!f.depth) return cudaSuccess;
+  int blocks;
+  BIGTRI_CUDA(blocks_for(write_depth, 256, 0, ((int64_t)f.view.width * f.view.height + 255) / 256, t, &blocks));
+  return launch_next(write_depth, blocks, 256, 0, stream, f);
+}
+
+}  // namespace
+}  // namespace bigtri
