@@ -50,7 +50,8 @@ std::vector<int64_t> cuda_tuning_op() {
 void set_cuda_tuning_op(std::vector<int64_t> v) {
   BIGTRI_CHECK(v.size() == kTuningFields, "bigtri::set_cuda_tuning: fields must be ", kTuningFields, " integers, got ", v.size());
   BIGTRI_CHECK(set_tuning({v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7]}),
-               "bigtri::set_cuda_tuning: fields must be few and some 0..65536, warps 0, 4, 8 or 16, blocks 0..2^20, entries 1..352, queue 1..2^24, "
+               "bigtri::set_cuda_tuning: fields must be few and some 0..65536, warps 0, 4, 8 or 16, blocks 0..2^20, entries 1..", kMostEntries,
+               ", queue 1..2^24, "
                "threshold 0.., cache 0..2^40, got ",
                v[0], ", ", v[1], ", ", v[2], ", ", v[3], ", ", v[4], ", ", v[5], ", ", v[6], ", ", v[7]);
 }
