@@ -280,7 +280,7 @@ def long_slivers(rng: np.random.Generator) -> Case:
 
 def slivers_across(rng: np.random.Generator) -> Case:
     """As long as the widest image there is, and shorter: in several parts, of which some are empty."""
-    height, width, count = 9, 16384, 300
+    height, width, count = 5, 16384, 60
     length = 10 ** rng.uniform(2, 4.5, (count, 1))
     middle = rng.uniform([0, 0], [width, height], (count, 2))
     along = np.concatenate([length, rng.uniform(-9, 9, (count, 1))], axis=1)

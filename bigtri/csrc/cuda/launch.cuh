@@ -95,10 +95,10 @@ struct Zeros {
   }
 };
 
-// The next n of `room` places, or some beyond them. What is full is not counted on: no number of triangles makes the count wrap.
-__device__ __forceinline__ uint32_t claim(uint32_t* count, uint32_t room, uint32_t n = 1) {
-  return *(volatile uint32_t*)count < room ? atomicAdd(count, n) : room;
-}
+// The next n of `room` places, or some beyond them. seen: what peek said a moment ago, early enough that nobody waits for it; what was full then is not counted on, so that no number of
+// triangles makes the count wrap.
+__device__ __forceinline__ uint32_t peek(const uint32_t* count) { return *(const volatile uint32_t*)count; }
+__device__ __forceinline__ uint32_t claim(uint32_t* count, uint32_t seen, uint32_t room, uint32_t n) { return seen < room ? atomicAdd(count, n) : room; }
 
 // Hands out parts of scratch memory, or with no memory only counts.
 struct Scratch {

@@ -39,6 +39,7 @@ Queue take_queue(Scratch* scratch, const Frame& f, const Tuning& t) {
 // The record's bins that no edge rejects, a lane each, to the queue; what finds no room there is drawn at once. All lanes.
 __device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, const Record& r, uint32_t slot) {
   const BinBox bins = bin_box(r);
+  const uint32_t seen = peek(&q.counters[kPairCount]);
   for (int base = 0; base < bins.count; base += kWarp) {
     const int i = base + lane_id(), x = bins.x + i % bins.columns, y = bins.y + i / bins.columns;
     NarrowEdge edge[3];
@@ -46,7 +47,7 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, cons
     const unsigned all = __ballot_sync(kAllLanes, kept);
     if (!all) continue;
     uint32_t at = 0;
-    if (lane_id() == 0) at = claim(&q.counters[kPairCount], q.pair_room, (uint32_t)__popc(all));
+    if (lane_id() == 0) at = claim(&q.counters[kPairCount], seen, q.pair_room, (uint32_t)__popc(all));
     at = __shfl_sync(kAllLanes, at, 0) + __popc(all & lanes_below());
     const bool room = at < q.pair_room;
     if (kept && room) q.pairs[at] = {slot, (uint16_t)x, (uint16_t)y};
@@ -59,6 +60,7 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, cons
 
 // Large primitives to the queue, a record at a time with all lanes, so that a huge one holds up no lane; others are drawn.
 __device__ __noinline__ void pair_or_draw(const Frame& f, const Queue& q, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
+  const uint32_t seen = peek(&q.counters[kRecordCount]);
   Record record;
   if (have) fill_record(p, triangle, &record, threshold);
   for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
@@ -67,7 +69,7 @@ __device__ __noinline__ void pair_or_draw(const Frame& f, const Queue& q, int64_
     __syncwarp();
     if (lane_id() == lane) {
       *shared = record;
-      if (record.flags & kRecordLarge) slot = claim(&q.counters[kRecordCount], q.record_room);
+      if (record.flags & kRecordLarge) slot = claim(&q.counters[kRecordCount], seen, q.record_room, 1);
       if (slot < q.record_room) q.records[slot] = record;
     }
     __syncwarp();
