@@ -197,7 +197,7 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks / 2) set_up_record
     const bool have = clip_part(f, (int32_t)(first + lane), &clip[warp], &part);
     const unsigned all = __ballot_sync(kAllLanes, have);
     uint32_t at = 0;
-    if (lane_id() == 0) at = (uint32_t)f.count + atomicAdd(w.count(), (uint32_t)__popc(all));  // of some 2^21 at most
+    if (lane_id() == 0) at = (uint32_t)f.count + claim(w.count(), w.room - (uint32_t)f.count, (uint32_t)__popc(all));
     at = __shfl_sync(kAllLanes, at, 0);
     const bool room = at + __popc(all) <= w.room;  // for all parts or none
     at += __popc(all & lanes_below());
@@ -282,12 +282,10 @@ __device__ __noinline__ void list_or_draw(const Frame& f, const Waiting& w, int6
   bool waits = false, sliver = false;
   uint32_t slot = 0;
   if (have) {
-    sliver = is_sliver(p);
-    uint32_t* const count = sliver ? w.sliver_count() : w.count();
-    const uint32_t seen = peek(count);
     fill_record(p, triangle, &record, threshold);
+    sliver = is_sliver(p);
     waits = sliver || (record.flags & kRecordLarge);
-    if (waits) slot = claim(count, seen, w.room, 1);
+    if (waits) slot = claim(sliver ? w.sliver_count() : w.count(), w.room, 1);
     waits = waits && slot < w.room;
     if (waits) (sliver ? w.slivers : w.records)[slot] = record;
   }

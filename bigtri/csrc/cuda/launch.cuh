@@ -89,16 +89,18 @@ struct Zeros {
   uint32_t* first;
   int count;
 
+  static Zeros of(uint64_t* first, int count) { return {reinterpret_cast<uint32_t*>(first), 2 * count}; }
+
   // By thread i of n.
   __device__ __forceinline__ void set(int i, int n) const {
     for (; i < count; i += n) first[i] = 0;
   }
 };
 
-// The next n of `room` places, or some beyond them. seen: what peek said a moment ago, early enough that nobody waits for it; what was full then is not counted on, so that no number of
-// triangles makes the count wrap.
-__device__ __forceinline__ uint32_t peek(const uint32_t* count) { return *(const volatile uint32_t*)count; }
-__device__ __forceinline__ uint32_t claim(uint32_t* count, uint32_t seen, uint32_t room, uint32_t n) { return seen < room ? atomicAdd(count, n) : room; }
+// The first of the next n places, or `room` where there are none left. The count goes on all the same, in 64 bits, so that no number of triangles makes it wrap.
+__device__ __forceinline__ uint32_t claim(uint64_t* count, uint32_t room, uint32_t n) {
+  return (uint32_t)min_of<uint64_t>(atomicAdd(reinterpret_cast<unsigned long long*>(count), (unsigned long long)n), room);
+}
 
 // Hands out parts of scratch memory, or with no memory only counts.
 struct Scratch {

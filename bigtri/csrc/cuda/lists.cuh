@@ -24,10 +24,11 @@ struct Waiting {
   uint32_t wide_below;  // so are records in slots below
   int bands;  // in which slivers are drawn
 
-  __device__ uint32_t* count() const { return sizes - 1; }  // of records, or of those that were to be put there
-  __device__ uint32_t* wide_count() const { return sizes - 2; }
-  __device__ uint32_t* sliver_count() const { return sizes - 3; }
-  static constexpr int kCounts = 3;
+  __device__ uint64_t* count() const { return counts(); }  // of records, or of those that were to be put there
+  __device__ uint64_t* wide_count() const { return counts() + 1; }
+  __device__ uint64_t* sliver_count() const { return counts() + 2; }
+  __device__ uint64_t* counts() const { return reinterpret_cast<uint64_t*>(sizes - kCounts); }
+  static constexpr int kCounts = 6;  // words
   Zeros zeros() const { return {sizes - kCounts, bins + kCounts}; }
 };
 
@@ -85,7 +86,7 @@ __device__ __forceinline__ void put_into_lists(const Waiting& w, const Primitive
     todo = others & (others - 1);
   }
   if (wide) {
-    const uint32_t at = atomicAdd(w.wide_count(), 1u);
+    const uint32_t at = claim(w.wide_count(), w.room, 1);
     w.wide_boxes[at] = box_of(p);
     w.wide_slots[at] = slot;
   }
@@ -120,13 +121,13 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_listed(const 
   }
   wait_for_previous();
   let_next_begin();
-  const uint32_t count = *w.count();
+  const uint64_t count = *w.count();
   if (kOutput == Output::kWrite || count > 0) {
     if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.wide_count(), kOutput == Output::kMerge);
     __syncthreads();
     draw_patches<kWarps, kOutput>(f, ListedCandidates(w, kOutput == Output::kWrite || count > w.wide_below), room);
   }
-  if (kOutput == Output::kMerge) draw_slivers(f, w.slivers, (int)min_of(*w.sliver_count(), w.room), w.bands, [](int) { return true; }, &shared);
+  if (kOutput == Output::kMerge) draw_slivers(f, w.slivers, (int)min_of<uint64_t>(*w.sliver_count(), w.room), w.bands, [](int) { return true; }, &shared);
 }
 
 template <int kWarps, Output kOutput>

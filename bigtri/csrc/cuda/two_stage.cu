@@ -19,7 +19,7 @@ struct Pair {
 struct Queue {
   Record* records;
   Pair* pairs;
-  uint32_t* counters;
+  uint64_t* counters;
   uint32_t record_room, pair_room;
   Vertex* projected;
 };
@@ -31,7 +31,7 @@ Queue take_queue(Scratch* scratch, const Frame& f, const Tuning& t) {
   q.pair_room = (uint32_t)(t.queue < 16 ? t.queue : 16 * t.queue);
   q.records = scratch->take<Record>(q.record_room);
   q.pairs = scratch->take<Pair>(q.pair_room);
-  q.counters = scratch->take<uint32_t>(kCounters);
+  q.counters = scratch->take<uint64_t>(kCounters);
   q.projected = take_projected(scratch, f);
   return q;
 }
@@ -39,7 +39,6 @@ Queue take_queue(Scratch* scratch, const Frame& f, const Tuning& t) {
 // The record's bins that no edge rejects, a lane each, to the queue; what finds no room there is drawn at once. All lanes.
 __device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, const Record& r, uint32_t slot) {
   const BinBox bins = bin_box(r);
-  const uint32_t seen = peek(&q.counters[kPairCount]);
   for (int base = 0; base < bins.count; base += kWarp) {
     const int i = base + lane_id(), x = bins.x + i % bins.columns, y = bins.y + i / bins.columns;
     NarrowEdge edge[3];
@@ -47,7 +46,7 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, cons
     const unsigned all = __ballot_sync(kAllLanes, kept);
     if (!all) continue;
     uint32_t at = 0;
-    if (lane_id() == 0) at = claim(&q.counters[kPairCount], seen, q.pair_room, (uint32_t)__popc(all));
+    if (lane_id() == 0) at = claim(&q.counters[kPairCount], q.pair_room, (uint32_t)__popc(all));
     at = __shfl_sync(kAllLanes, at, 0) + __popc(all & lanes_below());
     const bool room = at < q.pair_room;
     if (kept && room) q.pairs[at] = {slot, (uint16_t)x, (uint16_t)y};
@@ -60,7 +59,6 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, cons
 
 // Large primitives to the queue, a record at a time with all lanes, so that a huge one holds up no lane; others are drawn.
 __device__ __noinline__ void pair_or_draw(const Frame& f, const Queue& q, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
-  const uint32_t seen = peek(&q.counters[kRecordCount]);
   Record record;
   if (have) fill_record(p, triangle, &record, threshold);
   for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
@@ -69,7 +67,7 @@ __device__ __noinline__ void pair_or_draw(const Frame& f, const Queue& q, int64_
     __syncwarp();
     if (lane_id() == lane) {
       *shared = record;
-      if (record.flags & kRecordLarge) slot = claim(&q.counters[kRecordCount], seen, q.record_room, 1);
+      if (record.flags & kRecordLarge) slot = claim(&q.counters[kRecordCount], q.record_room, 1);
       if (slot < q.record_room) q.records[slot] = record;
     }
     __syncwarp();
@@ -96,10 +94,10 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
 __global__ void __launch_bounds__(kThreads) draw_pairs(const __grid_constant__ Frame f, const __grid_constant__ Queue q) {
   let_next_begin();
   wait_for_previous();
-  const uint32_t count = min_of(q.counters[kPairCount], q.pair_room);
+  const uint32_t count = (uint32_t)min_of<uint64_t>(q.counters[kPairCount], q.pair_room);
   for (;;) {
     uint32_t i = 0;
-    if (lane_id() == 0) i = atomicAdd(&q.counters[kNextPair], 1u);
+    if (lane_id() == 0) i = claim(&q.counters[kNextPair], count, 1);
     i = __shfl_sync(kAllLanes, i, 0);
     if (i >= count) return;
     const Pair pair = q.pairs[i];
@@ -118,7 +116,7 @@ int64_t two_stage_scratch(const Frame& f, const Tuning& t) {
 cudaError_t draw_two_stage(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   const Queue q = take_queue(&scratch, f, t);
-  BIGTRI_CUDA(launch_clear(f, q.projected, {q.counters, kCounters}, stream));
+  BIGTRI_CUDA(launch_clear(f, q.projected, Zeros::of(q.counters, kCounters), stream));
   if (f.count > 0) {
     int share, blocks;
     int64_t set_up_blocks;
