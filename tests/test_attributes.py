@@ -78,6 +78,7 @@ def test_clipped_triangles_interpolate_their_own_position(backend):
     covered = seen.triangle >= 0
     assert covered[40:].mean() > 0.9
     assert (weights[covered] >= 0).all() and (weights[covered] <= 1).all()
+    # Three weights, each rounded to float32, and their sum.
     np.testing.assert_allclose(weights[covered].sum(axis=1), 1, rtol=0, atol=2e-7)
     clip = interpolate(positions, seen, positions, triangles, backend=backend).astype(np.float64)
     y, x = np.nonzero(covered)
