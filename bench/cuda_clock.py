@@ -23,7 +23,7 @@ from typing import NamedTuple, Protocol
 
 import torch
 
-from bigtri import benchmark
+from bigtri.study import benchmark
 
 METHODS = ("graph", "graph20", "eager", "cold")
 IN_A_ROW = 20  # frames in the graph of `graph20`

@@ -25,8 +25,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from plot import Row, distinct, save, where
 
-from bigtri import scenes
-from bigtri.benchmark import read_csv
+from bigtri.study import scenes
+from bigtri.study.benchmark import read_csv
 
 # colours apart for the colour-blind too (Okabe and Ito)
 COLORS = {

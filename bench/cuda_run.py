@@ -28,7 +28,8 @@ import torch
 from cuda_clock import METHODS, Call, Clock, Machine, Row, text_of
 
 import bigtri
-from bigtri import benchmark, native, scenes
+from bigtri import native
+from bigtri.study import benchmark, scenes
 
 SCENES = "S1,S2,S3,S4f,S4b,S5,S6,S7"
 PEERS = Path(__file__).parent / "results" / "h200_peers.csv"
@@ -38,7 +39,7 @@ YARDSTICKS = ("memset", "empty kernel", *cuda_floor.KINDS)
 class Target:
     """A scene's tensors on a device, and the image that it is drawn into."""
 
-    def __init__(self, scene: scenes.Scene, size: tuple[int, int], device: torch.device) -> None:
+    def __init__(self, scene: scenes.Triangles, size: tuple[int, int], device: torch.device) -> None:
         self.scene, self.size = scene, size  # height, width
         self.positions = torch.from_numpy(scene.positions).to(device)
         self.triangles = torch.from_numpy(scene.triangles).to(device)
@@ -67,7 +68,7 @@ def differing(a: torch.Tensor, b: torch.Tensor) -> int:
 class Case(Target):
     """A scene of one size, and what its image has to be."""
 
-    def __init__(self, name: str, width: int, height: int, seed: int, scene: scenes.Scene, device: torch.device) -> None:
+    def __init__(self, name: str, width: int, height: int, seed: int, scene: scenes.Triangles, device: torch.device) -> None:
         super().__init__(scene, (height, width), device)
         self.name, self.width, self.height, self.seed = name, width, height, seed
         self.expected = self.from_cpu()

@@ -35,8 +35,9 @@ import numpy as np
 import torch
 from cuda_clock import Clock, Machine, text_of
 
-from bigtri import benchmark, native, scenes
-from bigtri.scenes import layers_of
+from bigtri import native
+from bigtri.study import benchmark, scenes
+from bigtri.study.scenes import layers_of
 
 WIDTH, HEIGHT = 1920, 1080  # px, where a curve does not vary them
 SIDE = 16384  # px, of `area`
@@ -226,7 +227,7 @@ class Limits:
 class Stage(cuda_run.Target):
     """A point's scene, and what its image has to be: the CPU's, or for large ones that of the first way to draw it."""
 
-    def __init__(self, point: Point, scene: scenes.Scene, device: torch.device) -> None:
+    def __init__(self, point: Point, scene: scenes.Triangles, device: torch.device) -> None:
         super().__init__(scene, (point.height, point.width), device)
         self.expected: torch.Tensor | None = None
         self.against = ""
@@ -261,7 +262,7 @@ class Scaling:
         self.failures: list[str] = []
         self.memset_us: dict[tuple[int, int], float] = {}
 
-    def point(self, point: Point, scene: scenes.Scene, todo: list[Way]) -> None:
+    def point(self, point: Point, scene: scenes.Triangles, todo: list[Way]) -> None:
         stage = Stage(point, scene, self.device)
         us_memset = self.memset(stage)
         count = len(scene.triangles)
@@ -405,7 +406,7 @@ def main(argv: list[str] | None = None) -> int:
         left = started + arguments.total - time.perf_counter()
         end = time.perf_counter() + left / (len(curves) - number)
         skipped = 0
-        made: tuple[str, scenes.Scene] | None = None  # the points of `threshold` share their scenes
+        made: tuple[str, scenes.Triangles] | None = None  # the points of `threshold` share their scenes
         for point in CURVES[curve]():
             if time.perf_counter() > end or lost:
                 skipped += 1

@@ -64,7 +64,7 @@ for name in "${steps[@]}"; do
       ;;
     test)
       shopt -s nullglob
-      files=(tests/test_cuda.py tests/test_cuda_[!o]*.py) # not test_cuda_on_cpu.py, which needs no GPU
+      files=(tests/cuda/test_cuda.py tests/cuda/test_cuda_[!o]*.py) # not test_cuda_on_cpu.py, which needs no GPU
       shopt -u nullglob
       # shellcheck disable=SC2086
       if [ ${#files[@]} -gt 0 ]; then
@@ -73,7 +73,7 @@ for name in "${steps[@]}"; do
         summary+=("test-cuda            there are no tests")
       fi
       # shellcheck disable=SC2086
-      step test-devices "${TEST_TIMEOUT:-240}" 15 "$PYTHON" -m pytest -p no:cacheprovider tests/test_hard_cases.py tests/test_attributes.py -k cuda ${TEST_ARGS:-}
+      step test-devices "${TEST_TIMEOUT:-240}" 15 "$PYTHON" -m pytest -p no:cacheprovider tests/hard_cases/test_hard_cases.py tests/ops/test_attributes.py -k cuda ${TEST_ARGS:-}
       ;;
     quick)
       # shellcheck disable=SC2086

@@ -18,7 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import torch
 
-from bigtri import benchmark
+from bigtri.study import benchmark
 
 SIZES = {"1920x1080": 1920 * 1080 * 8, "3840x2160": 3840 * 2160 * 8, "1 GiB": 1 << 30}  # bytes
 libc = ctypes.CDLL(None)

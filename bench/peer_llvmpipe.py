@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # the worker needs neither bigtri nor torch
-    from bigtri.scenes import Scene
+    from bigtri.study.scenes import Triangles
 
 WAYS = ("primitive", "attribute", "none")
 
@@ -61,7 +61,7 @@ class Llvmpipe:
         self.folder = tempfile.TemporaryDirectory()
         self.renderer: str = self._receive()["renderer"]
 
-    def load(self, scene: Scene, width: int, height: int, ids: str) -> None:
+    def load(self, scene: Triangles, width: int, height: int, ids: str) -> None:
         """Uploads a scene in clip space; ids is one of `WAYS`."""
         path = Path(self.folder.name) / "scene.npz"
         np.savez(path, positions=scene.positions, triangles=scene.triangles)
@@ -213,7 +213,7 @@ def main() -> None:
     if "--worker" in sys.argv[1:]:
         return worker()
 
-    from bigtri import benchmark, scenes
+    from bigtri.study import benchmark, scenes
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--scenes", default=benchmark.DEFAULT_SCENES)
@@ -240,7 +240,7 @@ def main() -> None:
                         print(line, flush=True)
 
 
-def different(ids: NDArray[np.int32], scene: Scene, width: int, height: int) -> str:
+def different(ids: NDArray[np.int32], scene: Triangles, width: int, height: int) -> str:
     """How an image compares with bigtri's: pixels with another coverage, and with another triangle."""
     import bigtri
 

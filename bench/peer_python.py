@@ -15,7 +15,7 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
-from bigtri import benchmark, scenes
+from bigtri.study import benchmark, scenes
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px, half-open
 Inside = Callable[[NDArray[np.float64], Box], NDArray[np.bool_]]  # corners [3, 2] px, box -> mask of the box's pixels

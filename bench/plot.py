@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.container import BarContainer
 
-from bigtri.benchmark import read_csv
+from bigtri.study.benchmark import read_csv
 
 Row = dict[str, str]
 

@@ -25,7 +25,8 @@ import peer_python
 import torch
 from numpy.typing import NDArray
 
-from bigtri import benchmark, native, scenes
+from bigtri import native
+from bigtri.study import benchmark, scenes
 
 PEERS = ("llvmpipe", *peer_python.WAYS)
 TURN = 0.05  # s: how long a turn lasts, at least one frame

@@ -21,8 +21,9 @@ import numpy as np
 import torch
 
 import bigtri
-from bigtri import benchmark, native, scenes
-from bigtri.texture import FILTERS, WRAPS
+from bigtri import native
+from bigtri.ops.texture import FILTERS, WRAPS
+from bigtri.study import benchmark, scenes
 
 PATHS: dict[str, dict[str, int]] = {
     "as it is": {},
@@ -44,24 +45,24 @@ QUICK = ("as it is", "16 warps", "some", "many", "many, queue 1", "entries 1")
 CULLS = ("none", "back")
 
 
-def clip_space(seed: int, count: int, w: tuple[float, float]) -> scenes.Scene:
+def clip_space(seed: int, count: int, w: tuple[float, float]) -> scenes.Triangles:
     """Triangles anywhere in clip space, w uniform over the interval: with one below 0, most of them are clipped."""
     rng = np.random.default_rng(seed)
     positions = rng.uniform(-2, 2, (3 * count, 4))
     positions[:, 3] = rng.uniform(*w, 3 * count)
-    return scenes.Scene(positions.astype(np.float32), np.arange(3 * count, dtype=np.int32).reshape(-1, 3))
+    return scenes.Triangles(positions.astype(np.float32), np.arange(3 * count, dtype=np.int32).reshape(-1, 3))
 
 
-def bad_values(scene: scenes.Scene) -> scenes.Scene:
+def bad_values(scene: scenes.Triangles) -> scenes.Triangles:
     """The same triangles, some of them with a NaN, an infinity or no area."""
     positions, triangles = scene.positions.copy(), scene.triangles.copy()
     positions[0, 0], positions[4, 3], positions[7] = np.nan, np.inf, positions[8]
     triangles[3] = triangles[3, 0]
-    return scenes.Scene(positions, triangles)
+    return scenes.Triangles(positions, triangles)
 
 
-def pictures(width: int, height: int) -> dict[str, scenes.Scene]:
-    def in_pixels(mesh: scenes.Mesh) -> scenes.Scene:
+def pictures(width: int, height: int) -> dict[str, scenes.Triangles]:
+    def in_pixels(mesh: scenes.Mesh) -> scenes.Triangles:
         return scenes.to_clip(mesh, width, height)
 
     rng = np.random.default_rng(5)
@@ -79,7 +80,7 @@ def pictures(width: int, height: int) -> dict[str, scenes.Scene]:
         "clipped by far planes": clip_space(7, 300, (0.2, 0.6)),
         "bad values": bad_values(clip_space(8, 30, (0.5, 2))),
         "one": in_pixels(scenes.full_screen(1, width, height, 9, back_to_front=False)),
-        "none": scenes.Scene(np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32)),
+        "none": scenes.Triangles(np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32)),
     }
 
 

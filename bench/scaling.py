@@ -19,13 +19,14 @@ from collections.abc import Iterator
 
 import peer_llvmpipe
 
-from bigtri import benchmark, native, scenes
+from bigtri import native
 from bigtri.reference.numerics import MAX_SIZE
+from bigtri.study import benchmark, scenes
 
 WIDTH, HEIGHT = 1920, 1080  # px, of `count` and `area`
 LAYERS = 4
 
-Point = tuple[str, int, int, scenes.Scene]  # "curve parameter", width, height, triangles
+Point = tuple[str, int, int, scenes.Triangles]  # "curve parameter", width, height, triangles
 
 
 def resolution_points(largest: int) -> Iterator[Point]:
@@ -53,7 +54,7 @@ def area_points() -> Iterator[Point]:
         yield f"area mesh {area}", WIDTH, HEIGHT, scenes.to_clip(mesh, WIDTH, HEIGHT)
 
 
-def llvmpipe_row(base: benchmark.Row, peer: peer_llvmpipe.Llvmpipe, scene: scenes.Scene, seconds: float) -> benchmark.Row:
+def llvmpipe_row(base: benchmark.Row, peer: peer_llvmpipe.Llvmpipe, scene: scenes.Triangles, seconds: float) -> benchmark.Row:
     """The same point on llvmpipe, with the faster of its two ways to learn the index; base: bigtri's row."""
     found = []
     for way in ("primitive", "attribute"):

@@ -1,26 +1,81 @@
-"""bigtri: exact, fast software rasterization of large triangles for torch and NumPy."""
+"""bigtri: exact, fast software rasterization of large triangles for torch and NumPy.
 
-__version__ = "0.1.0"
+What is listed here is imported when it is first used, so that `bigtri --help` does not wait for torch.
+"""
 
-from .camera import Camera
-from .interpolate import barycentrics, interpolate
-from .rasterize import Visibility, rasterize
-from .render import render
-from .scene import Scene, load_scene
-from .shading import decode_srgb, encode_srgb, lambert
-from .texture import sample_texture
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"  # the one place: pyproject.toml reads it from here
+
+# Where each public name lives.
+_HOMES = {
+    "Camera": ".scene.camera",
+    "Light": ".scene.scene",
+    "Material": ".scene.scene",
+    "Scene": ".scene.scene",
+    "Visibility": ".ops.rasterize",
+    "barycentrics": ".ops.interpolate",
+    "decode_srgb": ".ops.shading",
+    "encode_srgb": ".ops.shading",
+    "from_trimesh": ".scene.load",
+    "interpolate": ".ops.interpolate",
+    "lambert": ".ops.shading",
+    "load_scene": ".scene.load",
+    "merge": ".scene.scene",
+    "rasterize": ".ops.rasterize",
+    "render": ".rendering.render",
+    "sample_texture": ".ops.texture",
+}
+_MODULES = {"stages": ".check.stages", "verify": ".check.verify", "views": ".rendering.views"}
+
+if TYPE_CHECKING:
+    from .check import stages, verify
+    from .ops.interpolate import barycentrics, interpolate
+    from .ops.rasterize import Visibility, rasterize
+    from .ops.shading import decode_srgb, encode_srgb, lambert
+    from .ops.texture import sample_texture
+    from .rendering import views
+    from .rendering.render import render
+    from .scene.camera import Camera
+    from .scene.load import from_trimesh, load_scene
+    from .scene.scene import Light, Material, Scene, merge
 
 __all__ = [
     "Camera",
+    "Light",
+    "Material",
     "Scene",
     "Visibility",
     "barycentrics",
     "decode_srgb",
     "encode_srgb",
+    "from_trimesh",
     "interpolate",
     "lambert",
     "load_scene",
+    "merge",
     "rasterize",
     "render",
     "sample_texture",
+    "stages",
+    "verify",
+    "views",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name], __name__), name)
+    elif name in _MODULES:
+        value = importlib.import_module(_MODULES[name], __name__)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -7,7 +7,7 @@ import os
 import numpy as np
 from numpy.typing import NDArray
 
-from bigtri import stages
+from bigtri.check import stages
 from bigtri.reference.records import Records
 
 SCALE = float(os.environ.get("BIGTRI_TEST_SCALE", "1"))  # multiplies the number of random triangles; 20 makes it millions

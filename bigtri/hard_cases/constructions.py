@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import scenes
+from ..study import scenes
 from .mesh import SUBPX, Case, Mesh, f32, mesh_case
 
 HALF = SUBPX // 2

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import scenes, stages
+from ..check import stages
 from ..reference import brute_force
+from ..study import scenes
 from .constructions import px
 from .mesh import SUBPX, Backend, Case, clip_space, covered, f32
 from .rules import soup

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from .. import stages
-from ..rasterize import Visibility, rasterize
+from ..check import stages
+from ..ops.rasterize import Visibility, rasterize
 from ..reference.records import Records
 from . import naive
 

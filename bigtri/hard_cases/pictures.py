@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import figure
+from ..rendering import figure
 from . import constructions, depths, naive
 from .mesh import SUBPX, Backend, Box, Mesh, box_of, clip_space, covered, f32, positive
 from .rules import soup

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from ..interpolate import barycentrics
+from ..ops.interpolate import barycentrics
 from .constructions import HALF, quad, rectangle, slivers_one_subpixel
 from .mesh import SUBPX, Backend, Case, Mesh, clip_space, coverage_by_triangle, f32, mesh_case
 from .rules import Positions, projected_case, soup

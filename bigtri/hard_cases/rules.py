@@ -8,7 +8,7 @@ from functools import lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import stages
+from ..check import stages
 from ..reference import brute_force
 from . import naive
 from .constructions import HALF, px

@@ -7,8 +7,8 @@ from fractions import Fraction
 import numpy as np
 import torch
 
-from .. import stages
-from ..interpolate import barycentrics, interpolate
+from ..check import stages
+from ..ops.interpolate import barycentrics, interpolate
 from ..reference import brute_force
 from .constructions import HALF, px
 from .mesh import SUBPX, Backend, Case, clip_space, f32

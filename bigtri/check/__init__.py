@@ -1,0 +1,1 @@
+"""Every stage by itself, and where two backends differ."""

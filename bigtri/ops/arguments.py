@@ -1,0 +1,258 @@
+"""NumPy or torch in, the same out: what the operations that read a visibility buffer share."""
+
+from __future__ import annotations
+
+import itertools
+import operator
+from collections.abc import Callable
+from typing import Any, TypeAlias, TypeVar, overload
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch._subclasses import FakeTensor
+
+from .. import native
+from ..reference.numerics import MAX_SIZE
+
+Array: TypeAlias = "torch.Tensor | NDArray[Any]"
+ArrayT = TypeVar("ArrayT", torch.Tensor, NDArray[Any])
+BACKENDS = ("auto", "reference", "native")
+
+
+def choose_backend(op: str, backend: str) -> str:
+    """ "reference" or "native" for what the caller asked for; "auto" is native where the extension is built.
+
+    Raises:
+        ValueError: an unknown name.
+        RuntimeError: "native" without the extension.
+    """
+    check_choice(op, "backend", backend, BACKENDS)
+    if backend == "auto":
+        return "native" if native.available() else "reference"
+    if backend == "native" and not native.available():
+        raise RuntimeError(
+            f"bigtri.{op}: backend='native' needs the extension: build it with `python setup.py build_ext --inplace`, "
+            "or pass backend='reference'"
+        )
+    return backend
+
+
+def check_choice(op: str, name: str, value: str, allowed: tuple[str, ...]) -> None:
+    """Raise ValueError unless ``value`` is one of ``allowed``, TypeError if it is no string."""
+    if not isinstance(value, str):
+        raise TypeError(f"bigtri.{op}: {name} must be one of {', '.join(map(repr, allowed))}, got {described(value)}")
+    if value not in allowed:
+        raise ValueError(f"bigtri.{op}: {name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+
+
+def check_flag(op: str, name: str, value: bool | None, optional: bool = False) -> None:
+    """Raise TypeError unless ``value`` is True or False, or None where that is allowed."""
+    if not isinstance(value, bool) and not (optional and value is None):
+        allowed = "True, False or None" if optional else "True or False"
+        raise TypeError(f"bigtri.{op}: {name} must be {allowed}, got {described(value)}")
+
+
+def check_integers(op: str, name: str, value: object, count: int, wanted: str) -> tuple[int, ...]:
+    """``value`` as ``count`` integers; ``wanted`` says for the error text what they are.
+
+    Raises:
+        TypeError: no iterable of integers.
+        ValueError: another number of them.
+    """
+    try:
+        # One more than wanted tells that there are too many, of an endless iterator too.
+        numbers = tuple(operator.index(v) for v in itertools.islice(value, count + 1))  # type: ignore[call-overload]
+    except TypeError:
+        raise TypeError(f"bigtri.{op}: {name} must be {wanted}, integers, got {value!r}") from None
+    if len(numbers) != count:
+        raise ValueError(f"bigtri.{op}: {name} must be {wanted}, {count} integers, got {value!r}")
+    return numbers
+
+
+def check_tensor(
+    op: str,
+    name: str,
+    value: Array,
+    dtype: torch.dtype,
+    shape: str,
+    ndim: int | tuple[int, ...] | None,
+    backend: str = "native",
+) -> torch.Tensor:
+    """``value`` as a contiguous tensor without a gradient; NumPy memory is shared, not copied.
+
+    Args:
+        op, name, shape: for the error text; ``shape`` as a reader writes it, e.g. "[V, 3]".
+        dtype: the one that is allowed.
+        ndim: how many dimensions are allowed; None: any number.
+        backend: "reference" if NumPy is to read the memory, which is not there for every tensor that torch's operators take.
+
+    Raises:
+        TypeError: not an array, or of another dtype.
+        ValueError: another number of dimensions, or no memory.
+    """
+    if isinstance(value, np.ndarray):
+        # Converting an unsupported NumPy dtype would raise torch's error, which does not name the argument.
+        if value.dtype != np.dtype(_short(dtype)):
+            raise TypeError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
+        value = np.asarray(value, order="C")
+        value = torch.from_numpy(value if value.flags.writeable else value.copy())
+    check_dense(op, name, value, dtype, shape)
+    if value.dtype != dtype:
+        raise TypeError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
+    if ndim is not None and value.ndim not in ((ndim,) if isinstance(ndim, int) else ndim):
+        raise ValueError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
+    if not torch.compiler.is_compiling():  # under torch.compile there is no memory to look at; the operators look when they run
+        if value._is_zerotensor() or value.is_neg():
+            value = value.clone().resolve_neg()
+        if backend == "reference":
+            check_readable(op, name, value)
+        check_memory(op, name, value)
+    return (value.detach() if value.requires_grad else value).contiguous()
+
+
+def check_dense(op: str, name: str, value: object, dtype: torch.dtype, shape: object) -> None:
+    """Raise TypeError unless ``value`` is a tensor, ValueError if it is sparse or nested; dtype and shape are for the text."""
+    if not isinstance(value, torch.Tensor):
+        wanted = f"a torch tensor or a NumPy array, {_short(dtype)} {shape}"
+        raise TypeError(f"bigtri.{op}: {name} must be {wanted}, got {type(value).__name__}")
+    if value.is_nested or value.layout != torch.strided:
+        came = "a nested tensor" if value.is_nested else value.layout
+        raise ValueError(f"bigtri.{op}: {name} must be a dense tensor, {_short(dtype)} {shape}, got {came}")
+
+
+def check_memory(op: str, name: str, value: torch.Tensor) -> None:
+    """Raise ValueError where the storage of a dense tensor has been freed or made smaller than what the tensor reads."""
+    try:
+        available = value.untyped_storage().nbytes()
+    except NotImplementedError:  # inside torch.vmap or torch.func: the operators get a tensor with memory
+        return
+    end = value.numel()
+    if not value.is_contiguous() and end:
+        end = 1 + sum((n - 1) * stride for n, stride in zip(value.shape, value.stride(), strict=True))
+    needed = (value.storage_offset() + end) * value.element_size()
+    if end and needed > available:
+        raise ValueError(
+            f"bigtri.{op}: {name} must have memory for all its elements, {needed} bytes, got a storage of {available} bytes"
+        )
+
+
+def check_writable_along(op: str, name: str, value: torch.Tensor) -> None:
+    """Raise ValueError where torch cannot run an operator on ``value`` that writes into another tensor."""
+    if torch._is_functional_tensor(value) or torch._C._functorch.is_batchedtensor(value):
+        raise ValueError(f"bigtri.{op}: {name} must be a plain tensor, got one inside torch.vmap or functionalization")
+
+
+def check_own_memory(op: str, name: str, value: torch.Tensor) -> None:
+    """Raise ValueError for a tensor without memory of its own: inside torch.vmap, torch.func or functionalization."""
+    if torch._is_functional_tensor(value) or not torch._C._has_storage(value):
+        raise ValueError(
+            f"bigtri.{op}: {name} must be a plain tensor, got one inside torch.vmap, torch.func or functionalization"
+        )
+
+
+def check_readable(op: str, name: str, value: torch.Tensor) -> None:
+    """Raise ValueError unless NumPy can read the tensor, where it is or from a copy."""
+    check_own_memory(op, name, value)
+    # The address of a fake tensor is deprecated; that of a subclass around other tensors is 0. Meta tensors are same_device's.
+    is_fake = isinstance(value, FakeTensor)
+    if is_fake or (value.numel() and not (value.is_meta or value.data_ptr()) and value.untyped_storage().nbytes()):
+        raise ValueError(f"bigtri.{op}: {name} must be a tensor with data, got {type(value).__name__}")
+
+
+def check_size(op: str, name: str, value: torch.Tensor, dim: int, allowed: int, why: str) -> None:
+    """Raise ValueError unless dimension ``dim`` of ``value`` is ``allowed``; ``why`` completes the sentence."""
+    if not value.ndim or value.shape[dim] != allowed:
+        raise ValueError(f"bigtri.{op}: {name} must have size {allowed} in dimension {dim} ({why}), got {list(value.shape)}")
+
+
+def check_image_size(op: str, name: str, value: object) -> tuple[int, int]:
+    """``value`` as (height, width) of an image.
+
+    Raises:
+        TypeError: no pair of integers.
+        ValueError: another number of them, or a size that is not 1 to 16384.
+    """
+    height, width = check_integers(op, name, value, 2, "(height, width)")
+    if not (1 <= height <= MAX_SIZE and 1 <= width <= MAX_SIZE):
+        raise ValueError(f"bigtri.{op}: {name} must be (height, width), 1 to {MAX_SIZE} each, got {(height, width)}")
+    return height, width
+
+
+def check_scissor(op: str, scissor: object | None, height: int, width: int) -> tuple[int, int, int, int]:
+    """(x0, y0, x1, y1) of the part of the image that a scissor leaves, all of it for None.
+
+    Raises:
+        TypeError: no integers.
+        ValueError: another number of them, or a box that ends before it begins.
+    """
+    if scissor is None:
+        return 0, 0, width, height
+    x0, y0, x1, y1 = check_integers(op, "scissor", scissor, 4, "(x0, y0, x1, y1)")
+    if not (x0 <= x1 and y0 <= y1):
+        raise ValueError(f"bigtri.{op}: scissor must be (x0, y0, x1, y1) with x0 <= x1 and y0 <= y1, got {(x0, y0, x1, y1)}")
+    # Cut here, because the operators take no integer beyond 64 bits.
+    return min(max(x0, 0), width), min(max(y0, 0), height), min(max(x1, 0), width), min(max(y1, 0), height)
+
+
+def check_same_device(op: str, backend: str, **arguments: torch.Tensor) -> None:
+    """Raise ValueError unless all are on the first one's device, and there is data there if the reference is to read it."""
+    (first, reference), *others = arguments.items()
+    for name, value in others:
+        if value.device != reference.device:
+            raise ValueError(f"bigtri.{op}: {name} must be on {first}'s device, {reference.device}, got {value.device}")
+    if backend == "reference" and reference.is_meta:
+        raise ValueError(f"bigtri.{op}: {first} must be a tensor with data, got one on {reference.device}")
+
+
+def check_apart(op: str, output_name: str, output: torch.Tensor, **inputs: torch.Tensor) -> None:
+    """Raise ValueError where an output shares memory with an input, all contiguous; not where there is no memory to look at."""
+    if isinstance(output, FakeTensor):
+        return
+    begin, end = _extent(output)
+    for name, value in inputs.items():
+        first, last = _extent(value)
+        if begin < last and first < end:
+            raise ValueError(f"bigtri.{op}: {output_name} must not share memory with {name}")
+
+
+def beside(constant: torch.Tensor, value: torch.Tensor) -> torch.Tensor:
+    """``constant``, as a fake tensor where ``value`` is one: torch lets no operator have both kinds."""
+    return value.fake_mode.from_tensor(constant) if isinstance(value, FakeTensor) else constant
+
+
+def on_reference(function: Callable[..., NDArray[Any]], *arguments: Any) -> torch.Tensor:
+    """Call a NumPy function on tensors (other arguments pass through); the result is on the first tensor's device."""
+    device = next(a.device for a in arguments if isinstance(a, torch.Tensor))
+    result = function(*(a.cpu().numpy() if isinstance(a, torch.Tensor) else a for a in arguments))
+    return torch.from_numpy(np.asarray(result, order="C")).to(device)  # not ascontiguousarray, which makes [1] of []
+
+
+@overload
+def like(result: torch.Tensor, given: torch.Tensor) -> torch.Tensor: ...
+@overload
+def like(result: torch.Tensor, given: NDArray[Any]) -> NDArray[Any]: ...
+@overload
+def like(result: torch.Tensor, given: Array) -> Array: ...
+def like(result: torch.Tensor, given: Array) -> Array:
+    """``result`` as NumPy if ``given`` is NumPy."""
+    return result.numpy() if isinstance(given, np.ndarray) else result
+
+
+def _extent(value: torch.Tensor) -> tuple[int, int]:
+    """Where a contiguous tensor's memory begins and ends."""
+    begin = value.data_ptr()
+    return begin, begin + value.nbytes
+
+
+def described(value: object) -> str:
+    """What came, for an error text."""
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {list(value.shape)}"
+    if isinstance(value, torch.Tensor):
+        return f"{_short(value.dtype)} {list(value.shape)}"
+    return repr(value) if value is None or isinstance(value, (int, float, str)) else type(value).__name__
+
+
+def _short(dtype: torch.dtype) -> str:
+    return str(dtype).removeprefix("torch.")

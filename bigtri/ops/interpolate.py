@@ -1,0 +1,106 @@
+"""Vertex attributes at every pixel of a visibility buffer; the arithmetic is docs/numerics.md section 9."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+
+from ..reference import attributes as reference
+from ..reference.numerics import MAX_SIZE
+from . import arguments
+from .arguments import Array
+from .rasterize import Visibility, check_indices
+
+
+def interpolate(
+    attributes: Array, visibility: Visibility | Array, positions: Array, triangles: Array, *, backend: str = "auto"
+) -> Array:
+    """Perspective-correct vertex attributes of the visible triangle at every pixel centre.
+
+    Args:
+        attributes: float32 [V, C], or [B, V, C] where every view has its own.
+        visibility: what ``rasterize`` returned, or its ``packed``: int64 [H, W] or [B, H, W]. A pixel that names none of the
+            triangles reads as background.
+        positions: the clip-space positions it was drawn from, float32 [V, 4] or [B, V, 4].
+        triangles: int32 [T, 3].
+        backend: "auto", "reference" or "native"; the bits are the same.
+
+    Returns:
+        float32 [H, W, C] or [B, H, W, C], 0 on the background; NumPy if ``visibility`` is NumPy. Never requires grad.
+
+    Raises:
+        TypeError, ValueError: an argument of another dtype, shape or device; the text names it.
+        RuntimeError: an index in ``triangles`` is out of range. Not from the native backend on CUDA, which waits for nothing:
+            there the pixels of such a triangle read as background.
+    """
+    op = "interpolate"
+    chosen = arguments.choose_backend(op, backend)
+    given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
+    values = arguments.check_tensor(op, "attributes", attributes, torch.float32, "[V, C] or [B, V, C]", (2, 3), chosen)
+    values = values if values.ndim == 3 else values[None]
+    arguments.check_size(op, "attributes", values, 1, clip.shape[1], "V, one row per position")
+    if values.shape[0] != 1:
+        arguments.check_size(op, "attributes", values, 0, packed.shape[0], "B, as in visibility")
+    arguments.check_same_device(op, chosen, visibility=packed, attributes=values)
+
+    if chosen == "native":
+        result = torch.ops.bigtri.interpolate(packed, clip, faces, values)
+    else:
+        check_indices(op, faces, clip.shape[1])
+        values = values.expand(packed.shape[0], -1, -1)
+        views = zip(packed, clip, values, strict=True)
+        images = [arguments.on_reference(reference.interpolate, view, p, faces, a) for view, p, a in views]
+        result = torch.stack(images) if images else values.new_zeros(*packed.shape, values.shape[2])
+    return arguments.like(result[0] if given.ndim == 2 else result, given)
+
+
+def barycentrics(visibility: Visibility | Array, positions: Array, triangles: Array, *, backend: str = "auto") -> Array:
+    """Perspective-correct weights of the visible triangle's corners 0, 1 and 2 at every pixel centre.
+
+    Args:
+        visibility: what ``rasterize`` returned, or its ``packed``: int64 [H, W] or [B, H, W]. A pixel that names none of the
+            triangles reads as background.
+        positions: the clip-space positions it was drawn from, float32 [V, 4] or [B, V, 4].
+        triangles: int32 [T, 3].
+        backend: "auto", "reference" or "native"; the bits are the same.
+
+    Returns:
+        float32 [H, W, 3] or [B, H, W, 3], 0 on the background; NumPy if ``visibility`` is NumPy. Never requires grad.
+
+    Raises:
+        TypeError, ValueError: an argument of another dtype, shape or device; the text names it.
+        RuntimeError: an index in ``triangles`` is out of range. Not from the native backend on CUDA, which waits for nothing:
+            there the pixels of such a triangle read as background.
+    """
+    op = "barycentrics"
+    chosen = arguments.choose_backend(op, backend)
+    given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
+    if chosen == "native":
+        result = torch.ops.bigtri.barycentrics(packed, clip, faces)
+    else:
+        check_indices(op, faces, clip.shape[1])
+        images = [arguments.on_reference(reference.barycentrics, view, p, faces) for view, p in zip(packed, clip, strict=True)]
+        result = torch.stack(images) if images else clip.new_zeros(*packed.shape, 3)
+    return arguments.like(result[0] if given.ndim == 2 else result, given)
+
+
+def _drawing(
+    op: str, visibility: Visibility | Array, positions: Array, triangles: Array, chosen: str
+) -> tuple[Array, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """The buffer as given, and packed [B, H, W], positions [B, V, 4], triangles [T, 3] as tensors that belong together."""
+    # Not isinstance: anything with a packed buffer will do.
+    given: Any = getattr(visibility, "packed", visibility)
+    packed = arguments.check_tensor(op, "visibility", given, torch.int64, "[H, W] or [B, H, W]", (2, 3), chosen)
+    clip = arguments.check_tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", packed.ndim, chosen)
+    faces = arguments.check_tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2, chosen)
+    height, width = packed.shape[-2:]
+    if packed.numel() and (height > MAX_SIZE or width > MAX_SIZE):
+        raise ValueError(f"bigtri.{op}: visibility must be at most {MAX_SIZE} px a side, got {list(packed.shape)}")
+    if packed.ndim == 2:
+        packed, clip = packed[None], clip[None]
+    arguments.check_size(op, "positions", clip, 0, packed.shape[0], "B, as in visibility")
+    arguments.check_size(op, "positions", clip, 2, 4, "x, y, z, w")
+    arguments.check_size(op, "triangles", faces, 1, 3, "corners")
+    arguments.check_same_device(op, chosen, visibility=packed, positions=clip, triangles=faces)
+    return given, packed, clip, faces

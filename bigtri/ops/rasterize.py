@@ -1,0 +1,186 @@
+"""The one call that everything else builds on: triangles in, visibility buffer out."""
+
+from __future__ import annotations
+
+import sys
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from .. import native
+from ..reference import pipeline
+from . import arguments
+from .arguments import Array
+
+CULLS = ("none", "back", "front")
+PRECISIONS = ("exact",)
+# packed is (depth bits << 32) | triangle: the low half of each int64 is the triangle, and -1 on the background.
+_LOW_HALF = 0 if sys.byteorder == "little" else 1
+
+
+class Visibility(NamedTuple):
+    """What is visible at each pixel centre; [H, W], or [B, H, W] for a batch. No field requires grad."""
+
+    packed: Array  # int64, (depth bits << 32) | triangle; 2^63 - 1 on the background
+    triangle: Array  # int32, index of the nearest triangle; -1 on the background. A view of packed, not a copy.
+    depth: Array | None  # float32, window depth in [0, 1], 0 = near; +inf on the background. None where depth=False was passed.
+    dropped: Array  # int64 [] or [B], triangles not drawn: a coordinate is NaN or infinite, or (CUDA) an index out of range
+
+
+def rasterize(
+    positions: Array,
+    triangles: Array,
+    resolution: tuple[int, int],
+    *,
+    backend: str = "auto",
+    variant: str = "auto",
+    precision: str = "exact",
+    cull: str = "none",
+    scissor: tuple[int, int, int, int] | None = None,
+    validate: bool | None = None,
+    depth: bool = True,
+    out: Array | None = None,
+) -> Visibility:
+    """Find the nearest triangle, and its depth, at every pixel centre. Exact: docs/numerics.md says what the bits are.
+
+    Args:
+        positions: float32 [V, 4] or [B, V, 4], clip space as in OpenGL (x right, y up, visible where -w <= x, y, z <= w).
+        triangles: int32 [T, 3], indices into the V positions, shared by all views of a batch.
+        resolution: (height, width) in px, 1 to 16384 each.
+        backend: "reference" (the NumPy oracle), "native" (the extension), or "auto": native where it is built. Same bits.
+        variant: how the native backend schedules the work, "auto" or one of ``bigtri.native.VARIANTS[device type]``. Same bits.
+        precision: "exact", the only rung of the ladder so far.
+        cull: "none", "back" or "front": faces not to draw. Front faces are counter-clockwise on the screen.
+        scissor: (x0, y0, x1, y1) in px, half-open; nothing is drawn outside it.
+        validate: on the CPU indices are always checked. On CUDA a triangle with an index out of range is dropped and counted;
+            True checks all of them first, which waits for the device.
+        depth: whether to return the depth image. Without it, 4 bytes a pixel are not written.
+        out: int64, contiguous, of ``packed``'s shape, apart from the inputs: written instead of new memory. Large images gain
+            much from that.
+
+    Returns:
+        Visibility: torch tensors on the device of ``positions``, or NumPy arrays if ``positions`` is one.
+
+    Raises:
+        TypeError, ValueError: an argument of another dtype, shape, device or value; the text names it.
+        RuntimeError: an index in ``triangles`` is out of range (nothing is drawn; on CUDA only with
+            ``validate=True``), or the backend is not built. Under torch.compile also where ``out`` shares memory with an input.
+
+    torch.vmap has no rule for it, since it writes into memory: a batch of views is one call.
+    """
+    op = "rasterize"
+    chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
+    arguments.check_choice(op, "cull", cull, CULLS)
+    arguments.check_flag(op, "validate", validate, optional=True)
+    arguments.check_flag(op, "depth", depth)
+    height, width = arguments.check_image_size(op, "resolution", resolution)
+    box = arguments.check_scissor(op, scissor, height, width)
+
+    clip = arguments.check_tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", (2, 3), chosen)
+    faces = arguments.check_tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2, chosen)
+    arguments.check_size(op, "positions", clip, -1, 4, "x, y, z, w")
+    arguments.check_size(op, "triangles", faces, 1, 3, "corners")
+    arguments.check_same_device(op, "reference", positions=clip, triangles=faces)  # no backend draws on the meta device
+    built = native.VARIANTS
+    if chosen == "native" and clip.device.type not in built:
+        raise ValueError(
+            f"bigtri.{op}: positions must be on {' or '.join(built)}, as the extension is built here, got {clip.device}"
+        )
+    if not torch.compiler.is_compiling():
+        arguments.check_writable_along(op, "positions", clip)
+        arguments.check_writable_along(op, "triangles", faces)
+    variants = built.get(clip.device.type, ())
+    arguments.check_choice(op, "variant", variant, ("auto", *variants))
+    shape = (*clip.shape[:-2], height, width)
+    views = clip if clip.ndim == 3 else clip[None]
+
+    packed = _output(op, out, shape, clip, faces).view(views.shape[0], height, width)
+    dropped = torch.empty(views.shape[0], dtype=torch.int64, device=clip.device)
+    image = torch.empty(packed.shape, dtype=torch.float32, device=clip.device) if depth else None
+    if chosen == "native":
+        if validate:
+            check_indices(op, faces, clip.shape[-2])
+        name = variants[0] if variant == "auto" else variant
+        torch.ops.bigtri.rasterize(views, faces, height, width, cull, list(box), name, packed, image, dropped)
+    else:
+        _draw_reference(op, views, faces, box, cull, packed, image, dropped)
+
+    packed = packed.view(shape)
+    return Visibility(
+        arguments.like(packed, positions),
+        arguments.like(packed.view(torch.int32)[..., _LOW_HALF::2], positions),
+        None if image is None else arguments.like(image.view(shape), positions),
+        arguments.like(dropped if clip.ndim == 3 else dropped[0], positions),
+    )
+
+
+def check_indices(op: str, triangles: torch.Tensor, vertices: int) -> None:
+    """Raise RuntimeError unless every index in ``triangles`` names one of the vertices; the extension checks by itself."""
+    if triangles.numel():
+        low, high = (int(v) for v in torch.aminmax(triangles))
+        if vertices == 0:
+            raise RuntimeError(f"bigtri.{op}: triangles must be empty where positions is, got {len(triangles)} triangles")
+        if low < 0 or high >= vertices:
+            raise RuntimeError(
+                f"bigtri.{op}: triangles must index positions, 0 to {vertices - 1}, got indices from {low} to {high}"
+            )
+
+
+def _draw_reference(
+    op: str,
+    views: torch.Tensor,
+    faces: torch.Tensor,
+    box: tuple[int, int, int, int],
+    cull: str,
+    packed: torch.Tensor,
+    image: torch.Tensor | None,
+    dropped: torch.Tensor,
+) -> None:
+    """Draw each of ``views`` [B, V, 4] with the reference into packed [B, H, W], depth [B, H, W] and dropped [B]."""
+    check_indices(op, faces, views.shape[1])
+    for b, clip in enumerate(views):
+        height, width = packed.shape[1:]
+        result, lost = pipeline.rasterize(clip.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box)
+        packed[b] = torch.from_numpy(result)
+        dropped[b] = lost
+    if image is not None:
+        high = (packed >> 32).to(torch.int32)
+        image.copy_(torch.where(packed == torch.iinfo(torch.int64).max, torch.inf, high.view(torch.float32)))
+
+
+def _output(op: str, out: Array | None, shape: tuple[int, ...], positions: torch.Tensor, triangles: torch.Tensor) -> torch.Tensor:
+    """New memory for ``packed``, or the caller's ``out``, which must be apart from what is read."""
+    device = positions.device
+
+    def wrong(error: type[Exception], also: str = "") -> Exception:
+        wanted = f"int64 {list(shape)}, contiguous, on {device}"
+        return error(f"bigtri.{op}: out must be {wanted}, got {arguments.described(out)}{also}")
+
+    if out is None:
+        return torch.empty(shape, dtype=torch.int64, device=device)
+    # A NumPy array is looked at as it is: torch takes no other byte order and no negative strides.
+    if isinstance(out, np.ndarray):
+        if not out.flags.writeable:
+            raise ValueError(f"bigtri.{op}: out must be writable, got a read-only NumPy array")
+        is_int64, is_contiguous = out.dtype == np.int64, out.flags.c_contiguous
+    else:
+        arguments.check_dense(op, "out", out, torch.int64, list(shape))
+        is_int64, is_contiguous = out.dtype == torch.int64, out.is_contiguous()
+    if not is_int64:
+        raise wrong(TypeError)
+    if out.shape != shape:
+        raise wrong(ValueError)
+    if not is_contiguous:
+        raise wrong(ValueError, f" with strides {out.strides if isinstance(out, np.ndarray) else out.stride()}")
+    tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) else out
+    if tensor.device != device:
+        raise wrong(ValueError, f" on {tensor.device}")
+    if not torch.compiler.is_compiling():
+        arguments.check_own_memory(op, "out", tensor)
+        if tensor.is_neg() or tensor._is_zerotensor():
+            raise wrong(ValueError, ", a negated view" if tensor.is_neg() else ", a zero tensor without memory")
+        arguments.check_memory(op, "out", tensor)
+        arguments.check_apart(op, "out", tensor, positions=positions, triangles=triangles)
+    return tensor

@@ -1,0 +1,90 @@
+"""Lambert shading and sRGB; the arithmetic is docs/numerics.md section 11."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ..reference import shading as reference
+from . import arguments
+from .arguments import Array, ArrayT
+
+# Made here and not on demand, because torch.compile would trace through what makes them. Not by torch.tensor, which would put
+# them on the default device.
+_THRESHOLDS = torch.from_numpy(np.array(reference.encode_thresholds()))  # float32 [255]
+_DECODED = torch.from_numpy(np.array(reference.decode_table()))  # float32 [256]
+
+
+def lambert(
+    normals: ArrayT, albedo: Array, ambient: Array, light_directions: Array, light_colors: Array, *, backend: str = "auto"
+) -> ArrayT:
+    """Diffuse light: ``albedo * (ambient + sum of color * max(n . l, 0))``.
+
+    Args:
+        normals: float32 [..., 3], of any length; (0, 0, 0) gets the ambient light alone.
+        albedo: float32 [..., 3], linear.
+        ambient: float32 [3], linear.
+        light_directions: float32 [L, 3], towards the light, used as given: of unit length, unless a length is to scale the light.
+        light_colors: float32 [L, 3], linear.
+        backend: "auto", "reference" or "native"; the bits are the same.
+
+    Returns:
+        float32 [..., 3], linear; NumPy if ``normals`` is NumPy. Never requires grad.
+
+    Raises:
+        TypeError, ValueError: an argument of another dtype, shape or device; the text names it.
+    """
+    op = "lambert"
+    chosen = arguments.choose_backend(op, backend)
+    n = arguments.check_tensor(op, "normals", normals, torch.float32, "[..., 3]", None, chosen)
+    arguments.check_size(op, "normals", n, -1, 3, "x, y, z")
+    base = arguments.check_tensor(op, "albedo", albedo, torch.float32, "[..., 3]", None, chosen)
+    if base.shape != n.shape:
+        raise ValueError(f"bigtri.{op}: albedo must have normals' shape {list(n.shape)}, got {list(base.shape)}")
+    around = arguments.check_tensor(op, "ambient", ambient, torch.float32, "[3]", 1, chosen)
+    arguments.check_size(op, "ambient", around, 0, 3, "red, green, blue")
+    directions = arguments.check_tensor(op, "light_directions", light_directions, torch.float32, "[L, 3]", 2, chosen)
+    arguments.check_size(op, "light_directions", directions, 1, 3, "x, y, z")
+    colors = arguments.check_tensor(op, "light_colors", light_colors, torch.float32, "[L, 3]", 2, chosen)
+    arguments.check_size(op, "light_colors", colors, 1, 3, "red, green, blue")
+    arguments.check_size(op, "light_colors", colors, 0, directions.shape[0], "L, as in light_directions")
+    arguments.check_same_device(
+        op, chosen, normals=n, albedo=base, ambient=around, light_directions=directions, light_colors=colors
+    )
+
+    values = (n.reshape(-1, 3), base.reshape(-1, 3), around, directions, colors)
+    result = torch.ops.bigtri.lambert(*values) if chosen == "native" else arguments.on_reference(reference.lambert, *values)
+    return arguments.like(result.reshape(n.shape), normals)
+
+
+def encode_srgb(linear: ArrayT, *, backend: str = "auto") -> ArrayT:
+    """Linear light (float32, any shape) to 8-bit sRGB (uint8, the same shape), rounded to the nearest code.
+
+    Values outside [0, 1] saturate, NaN gives 0. NumPy if ``linear`` is NumPy.
+
+    Raises:
+        TypeError: not float32; the text says what came.
+    """
+    op = "encode_srgb"
+    chosen = arguments.choose_backend(op, backend)
+    values = arguments.check_tensor(op, "linear", linear, torch.float32, "[...]", None, chosen)
+    if chosen == "native":
+        result = torch.ops.bigtri.encode_srgb(values, arguments.beside(_THRESHOLDS, values))  # on the CPU for a GPU too
+    else:
+        arguments.check_same_device(op, chosen, linear=values)
+        result = arguments.on_reference(reference.encode_srgb, values)
+    return arguments.like(result, linear)
+
+
+def decode_srgb(encoded: ArrayT, *, backend: str = "auto") -> ArrayT:
+    """8-bit sRGB (uint8, any shape) to linear light (float32, the same shape, in [0, 1]). NumPy if ``encoded`` is NumPy.
+
+    It is a lookup in a table of 256 values, so that both backends do the same.
+
+    Raises:
+        TypeError: not uint8; the text says what came.
+    """
+    op = "decode_srgb"
+    arguments.choose_backend(op, backend)
+    codes = arguments.check_tensor(op, "encoded", encoded, torch.uint8, "[...]", None)
+    return arguments.like(arguments.beside(_DECODED, codes).to(codes.device)[codes.long()], encoded)

@@ -1,0 +1,53 @@
+"""Texture lookups; the arithmetic is docs/numerics.md section 10."""
+
+from __future__ import annotations
+
+import torch
+
+from ..reference import texture as reference
+from ..reference.numerics import MAX_TEXTURE
+from . import arguments
+from .arguments import Array, ArrayT
+
+FILTERS = ("bilinear", "nearest")
+WRAPS = ("repeat", "clamp")
+
+
+def sample_texture(
+    texture: Array, uv: ArrayT, *, filter: str = "bilinear", wrap: str = "repeat", backend: str = "auto"
+) -> ArrayT:
+    """Look ``uv`` up in ``texture``, without mipmaps.
+
+    Args:
+        texture: float32 [Ht, Wt, C], 1 to 65536 px a side, row 0 on top; linear light if it is to be shaded.
+        uv: float32 [..., 2]; (0, 0) is the lower left corner of the image, (1, 1) the upper right one.
+        filter: "bilinear" or "nearest".
+        wrap: what lies beyond [0, 1]: "repeat" or "clamp".
+        backend: "auto", "reference" or "native"; the bits are the same.
+
+    Returns:
+        float32 [..., C]; NumPy if ``uv`` is NumPy. A uv pair with a NaN or an infinity reads as (0, 0). Never requires grad.
+
+    Raises:
+        TypeError, ValueError: an argument of another dtype, shape or device, or an unknown name; the text names it.
+    """
+    op = "sample_texture"
+    chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "filter", filter, FILTERS)
+    arguments.check_choice(op, "wrap", wrap, WRAPS)
+    texels = arguments.check_tensor(op, "texture", texture, torch.float32, "[Ht, Wt, C]", 3, chosen)
+    height, width, channels = texels.shape
+    if height == 0 or width == 0:
+        raise ValueError(f"bigtri.{op}: texture must have at least one texel, got {list(texels.shape)}")
+    if height > MAX_TEXTURE or width > MAX_TEXTURE:
+        raise ValueError(f"bigtri.{op}: texture must be at most {MAX_TEXTURE} px a side, got {list(texels.shape)}")
+    coordinates = arguments.check_tensor(op, "uv", uv, torch.float32, "[..., 2]", None, chosen)
+    arguments.check_size(op, "uv", coordinates, -1, 2, "u, v")
+    arguments.check_same_device(op, chosen, uv=coordinates, texture=texels)
+
+    flat = coordinates.reshape(-1, 2)
+    if chosen == "native":
+        result = torch.ops.bigtri.sample_texture(texels, flat, filter, wrap)
+    else:
+        result = arguments.on_reference(reference.sample_texture, texels, flat, filter, wrap)
+    return arguments.like(result.reshape(*coordinates.shape[:-1], channels), uv)

@@ -1,0 +1,7 @@
+"""Models, cameras, materials and lights: what a picture is made of."""
+
+from .camera import Camera
+from .load import from_trimesh, load_scene
+from .scene import Light, Material, Scene, merge
+
+__all__ = ["Camera", "Light", "Material", "Scene", "from_trimesh", "load_scene", "merge"]

@@ -1,0 +1,253 @@
+"""What is drawn: geometry, materials and lights as plain arrays. ``load_scene`` makes one from a file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..ops import arguments
+from ..ops.rasterize import CULLS
+from ..ops.texture import FILTERS, WRAPS
+from .camera import Vector, vector
+
+
+# Here, because Scene's default material is made when this file is read.
+def _choice(owner: str, name: str, value: Any, allowed: tuple[str, ...]) -> None:
+    if not isinstance(value, str):
+        raise TypeError(f"bigtri.{owner}: {name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+    arguments.check_choice(owner, name, value, allowed)
+
+
+def _checked(owner: str, name: str, value: Any, dtype: type[np.generic], *shape: int | str) -> NDArray[Any]:
+    """``value``, or a copy of it where torch could not share its memory: contiguous and writable."""
+    wanted = f"{np.dtype(dtype)} [{', '.join(map(str, shape))}]"
+    if not isinstance(value, np.ndarray) or value.dtype != dtype:
+        got = f"{value.dtype} {list(value.shape)}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise TypeError(f"bigtri.{owner}: {name} must be a NumPy array {wanted}, got {got}")
+    fits = value.ndim == len(shape) and all(isinstance(s, str) or s == n for s, n in zip(shape, value.shape, strict=True))
+    if not fits:
+        raise ValueError(f"bigtri.{owner}: {name} must be {wanted}, got {list(value.shape)}")
+    return np.require(value, requirements=("C", "A", "W"))
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """How a surface looks. Its colour is base_color * texture * interpolated vertex colour, as far as it has them.
+
+    Attributes:
+        name: for people.
+        base_color: linear red, green, blue.
+        texture: float32 [Ht, Wt, 3], linear, row 0 on top, or None.
+        wrap, filter: how the texture is read: "repeat" or "clamp", "bilinear" or "nearest".
+        vertex_colors: whether the scene's vertex colours apply.
+        smooth: whether normals are interpolated from the vertices; otherwise each triangle is flat.
+        two_sided: whether a back face is lit as if its normal pointed at the viewer. Open surfaces need it.
+
+    Raises:
+        TypeError, ValueError: an attribute that is not as said above; the text names it.
+    """
+
+    name: str = "material"
+    base_color: Vector = (1.0, 1.0, 1.0)
+    texture: NDArray[np.float32] | None = None
+    wrap: str = "repeat"
+    filter: str = "bilinear"
+    vertex_colors: bool = False
+    smooth: bool = True
+    two_sided: bool = True
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise TypeError(f"bigtri.Material: name must be text, got {self.name!r}")
+        object.__setattr__(self, "base_color", vector("Material", "base_color", self.base_color))
+        if self.texture is not None:
+            texture = _checked("Material", "texture", self.texture, np.float32, "Ht", "Wt", 3)
+            if texture.size == 0:
+                raise ValueError(f"bigtri.Material: texture must have at least one texel, got {list(texture.shape)}")
+            object.__setattr__(self, "texture", texture)
+        _choice("Material", "wrap", self.wrap, WRAPS)
+        _choice("Material", "filter", self.filter, FILTERS)
+        for name in ("vertex_colors", "smooth", "two_sided"):
+            if not isinstance(getattr(self, name), bool | np.bool_):
+                raise TypeError(f"bigtri.Material: {name} must be True or False, got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light from infinitely far away.
+
+    Attributes:
+        direction: towards the light, world space; made a unit vector.
+        color: linear red, green, blue.
+
+    Raises:
+        TypeError, ValueError: an attribute that is not three finite numbers, or a direction of no length.
+    """
+
+    direction: Vector
+    color: Vector = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        x, y, z = vector("Light", "direction", self.direction)
+        object.__setattr__(self, "color", vector("Light", "color", self.color))
+        length = math.sqrt((x * x + y * y) + z * z)
+        if not 0 < length < math.inf:
+            raise ValueError(f"bigtri.Light: direction must be finite and not zero, got {self.direction}")
+        object.__setattr__(self, "direction", (x / length, y / length, z / length))
+
+
+# A warm key from above the camera's right shoulder and a cool fill from the other side: with the ambient light they stay below
+# white on a white surface, so that nothing saturates.
+DEFAULT_LIGHTS = (Light((0.5, 0.9, 0.7), (0.72, 0.69, 0.63)), Light((-0.8, 0.25, -0.35), (0.16, 0.19, 0.24)))
+DEFAULT_AMBIENT: Vector = (0.16, 0.17, 0.19)
+DEFAULT_BACKGROUND = ((0.52, 0.62, 0.76), (0.86, 0.88, 0.90))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything to be drawn, in world space. Arrays are NumPy.
+
+    Attributes:
+        positions: float32 [V, 3].
+        triangles: int32 [T, 3]; counter-clockwise from the front.
+        normals: float32 [V, 3], or None: everything is flat.
+        uvs: float32 [V, 2], (0, 0) at the lower left of the texture, or None: nothing is textured.
+        colors: float32 [V, 3], linear, or None.
+        material: int32 [T], indices into ``materials``.
+        materials: at least one.
+        lights: any number of them; without any the ambient light is all there is.
+        ambient: linear red, green, blue.
+        background: linear colours at the top and at the bottom of the picture, blended in between.
+        cull: "none", "back" or "front": which faces are not drawn.
+
+    Raises:
+        TypeError, ValueError: arrays that do not belong together; the text names the attribute.
+    """
+
+    positions: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    normals: NDArray[np.float32] | None = None
+    uvs: NDArray[np.float32] | None = None
+    colors: NDArray[np.float32] | None = None
+    material: NDArray[np.int32] = field(default=None)  # type: ignore[arg-type]
+    materials: tuple[Material, ...] = (Material(),)
+    lights: tuple[Light, ...] = DEFAULT_LIGHTS
+    ambient: Vector = DEFAULT_AMBIENT
+    background: tuple[Vector, Vector] = DEFAULT_BACKGROUND
+    cull: str = "none"
+
+    def __post_init__(self) -> None:
+        self._keep_array("positions", np.float32, "V", 3)
+        self._keep_array("triangles", np.int32, "T", 3)
+        vertices, faces = len(self.positions), len(self.triangles)
+        for name, channels in (("normals", 3), ("uvs", 2), ("colors", 3)):
+            if getattr(self, name) is not None:
+                self._keep_array(name, np.float32, vertices, channels)
+        if self.material is None:
+            object.__setattr__(self, "material", np.zeros(faces, np.int32))
+        self._keep_array("material", np.int32, faces)
+        object.__setattr__(self, "materials", _all_of("materials", self.materials, Material))
+        object.__setattr__(self, "lights", _all_of("lights", self.lights, Light))
+        if not self.materials:
+            raise ValueError("bigtri.Scene: materials must hold at least one Material, got none")
+        object.__setattr__(self, "ambient", vector("Scene", "ambient", self.ambient))
+        object.__setattr__(self, "background", _background(self.background))
+        for name, count, of in (("material", len(self.materials), "materials"), ("triangles", vertices, "positions")):
+            indices = getattr(self, name)
+            if faces and not (indices.min() >= 0 and indices.max() < count):
+                got = f"indices from {indices.min()} to {indices.max()}"
+                raise ValueError(f"bigtri.Scene: {name} must index the {count} {of}, got {got}")
+        _choice("Scene", "cull", self.cull, CULLS)
+
+    def _keep_array(self, name: str, dtype: type[np.generic], *shape: int | str) -> None:
+        object.__setattr__(self, name, _checked("Scene", name, getattr(self, name), dtype, *shape))
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """float64 [2, 3]: the lowest and the highest corner of what the triangles use; zeros for an empty scene."""
+        used = self.positions[self.triangles.reshape(-1)].astype(np.float64)
+        used = used[np.isfinite(used).all(axis=1)]
+        return np.stack([used.min(axis=0), used.max(axis=0)]) if len(used) else np.zeros((2, 3))
+
+    @property
+    def used_materials(self) -> tuple[int, ...]:
+        """The materials that a triangle has, rising."""
+        return tuple(np.unique(self.material).tolist())
+
+    def with_(self, **changes: Any) -> Scene:
+        """A copy with other attributes."""
+        return replace(self, **changes)
+
+
+def merge(scenes: Sequence[Scene]) -> Scene:
+    """One scene with the geometry and materials of all; lights, ambient light, background and culling are the first one's.
+
+    Raises:
+        TypeError: something that is no Scene.
+        ValueError: no scene at all.
+    """
+    if wrong := [type(scene).__name__ for scene in scenes if not isinstance(scene, Scene)]:
+        raise TypeError(f"bigtri.merge: scenes must hold Scene alone, got {', '.join(wrong)}")
+    if not scenes:
+        raise ValueError("bigtri.merge: scenes must hold at least one scene, got none")
+    vertex_offset = np.cumsum([0] + [len(s.positions) for s in scenes])
+    materials: dict[int, int] = {}  # a material that several scenes share is kept once: identity to index
+    kept: list[Material] = []
+    indices = []
+    for scene in scenes:
+        own = [_without_missing(material, scene) for material in scene.materials]
+        for material in own:
+            if materials.setdefault(id(material), len(kept)) == len(kept):
+                kept.append(material)
+        indices.append(np.array([materials[id(material)] for material in own], np.int32)[scene.material])
+    joined: dict[str, Any] = {}
+    for name, channels in (("normals", 3), ("uvs", 2), ("colors", 3)):
+        given = [getattr(s, name) for s in scenes]
+        # Materials without the effect never read the zeros that stand in for it.
+        zeros = (np.zeros((len(s.positions), channels), np.float32) for s in scenes)
+        parts = [zero if array is None else array for array, zero in zip(given, zeros, strict=True)]
+        joined[name] = None if all(array is None for array in given) else np.concatenate(parts)
+    return replace(
+        scenes[0],
+        positions=np.concatenate([s.positions for s in scenes]),
+        triangles=np.concatenate([s.triangles + np.int32(o) for s, o in zip(scenes, vertex_offset, strict=False)]),
+        material=np.concatenate(indices),
+        materials=tuple(kept),
+        **joined,
+    )
+
+
+def _without_missing(material: Material, scene: Scene) -> Material:
+    """The material less the effects for which its scene has no data; the very same where there is nothing to leave out."""
+    missing: dict[str, Any] = {}
+    if material.texture is not None and scene.uvs is None:
+        missing["texture"] = None
+    if material.vertex_colors and scene.colors is None:
+        missing["vertex_colors"] = False
+    if material.smooth and scene.normals is None:
+        missing["smooth"] = False
+    return replace(material, **missing) if missing else material
+
+
+def _all_of(name: str, value: Any, kind: type) -> tuple[Any, ...]:
+    """A scene's materials or lights as a tuple."""
+    try:
+        items = tuple(value)
+    except TypeError:
+        raise TypeError(f"bigtri.Scene: {name} must be a sequence of {kind.__name__}, got {value!r}") from None
+    if wrong := [item for item in items if not isinstance(item, kind)]:
+        raise TypeError(f"bigtri.Scene: {name} must be a sequence of {kind.__name__}, got {wrong[0]!r} in it")
+    return items
+
+
+def _background(value: Any) -> tuple[Vector, Vector]:
+    try:
+        top, bottom = value
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"bigtri.Scene: background must be two colours, at the top and at the bottom, got {value!r}") from None
+    return vector("Scene", "background", top), vector("Scene", "background", bottom)

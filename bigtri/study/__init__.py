@@ -1,0 +1,1 @@
+"""Scenes and clocks for measurements."""

@@ -1,0 +1,152 @@
+"""The command line: what it writes, what it says, and how it fails."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+from skimage import io
+
+from bigtri import __version__
+from bigtri.app import cli
+from bigtri.rendering.views import VIEWS
+from bigtri.study import benchmark
+
+
+@pytest.fixture
+def model(tmp_path):
+    path = tmp_path / "box.glb"
+    trimesh.creation.box().export(path)
+    return path
+
+
+def test_render(model, tmp_path, capsys):
+    out = tmp_path / "box.png"
+    assert cli.main(["render", str(model), "-o", str(out), "--size", "80x60", "--azimuth", "45", "--threads", "1"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.split() == [str(out)]
+    assert "12 triangles" in printed.err and "drawing shaded" in printed.err
+    image = io.imread(out)
+    assert image.shape == (60, 80, 3)
+    assert not np.array_equal(image[30, 40], image[30, 2])
+
+
+def test_render_all_views(model, tmp_path):
+    assert (
+        cli.main(["render", str(model), "-o", str(tmp_path / "v.png"), "--size", "64x48", "--view", "all", "--supersample", "1"])
+        == 0
+    )
+    assert sorted(path.name for path in tmp_path.glob("v-*.png")) == sorted(f"v-{view}.png" for view in VIEWS)
+
+
+def test_backends_draw_the_same(model, tmp_path):
+    images = []
+    for backend in ("reference", "auto"):
+        assert cli.main(["render", str(model), "-o", str(tmp_path / "x.png"), "--size", "64x48", "--backend", backend]) == 0
+        images.append(io.imread(tmp_path / "x.png"))
+    assert np.array_equal(*images)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["nowhere.glb", "-o", "x.png"], "no such file: nowhere.glb"),
+        (["{model}", "-o", "x.gif"], "--out must end in .png"),
+        (["{model}", "-o", "no/such/folder/x.png"], "make it first"),
+        (["{model}", "-o", "{folder}/folder.png"], "--out must be a file"),
+        (["{folder}/two.obj", "-o", "{folder}/x.png"], "vertices must be [V, 3], got [3, 2]"),
+        (["{model}", "-o", "{folder}/x.png", "--fov", "200"], "fov_y must be in"),
+        (["{model}", "-o", "{folder}/x.png", "--azimuth", "inf"], "azimuth must be a finite number"),
+        (["{model}", "-o", "{folder}/x.png", "--size", "4096x9", "--supersample", "5"], "--supersample must be at most 4"),
+        (["{model}", "-o", "{folder}/x.png", "--elevation", "95"], "elevation must be in"),
+    ],
+)
+def test_wrong_input_exits_with_2(model, tmp_path, capsys, arguments, text):
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "two.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
+    assert cli.main(["render", *(a.format(model=model, folder=tmp_path) for a in arguments)]) == 2
+    error = capsys.readouterr().err
+    assert text in error and error.splitlines()[-1].startswith("bigtri render: ") and "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["paint"],
+        ["render"],
+        ["render", "m.glb", "-o", "x.png", "--size", "80"],
+        ["render", "m.glb", "-o", "x.png", "--size", "0x9"],
+        ["render", "m.glb", "-o", "x.png", "--view", "none"],
+        ["render", "m.glb", "-o", "x.png", "--supersample", "0"],
+        ["render", "m.glb", "-o", "x.png", "--threads", "100000000000"],
+        ["bench", "--scenes", "S1", "--size", "10x10"],
+        ["hard-cases", "--csv", "."],
+    ],
+)
+def test_a_wrong_command_line_exits_with_2(arguments, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(arguments)
+    assert stopped.value.code == 2
+    assert "usage: bigtri" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(ValueError("a\nb"), 2), (OSError("x"), 2), (RuntimeError("x"), 1), (MemoryError(), 1)]
+)
+def test_errors_are_one_line(monkeypatch, capsys, error, code):
+    def fail(argv):
+        raise error
+
+    monkeypatch.setattr(benchmark, "main", fail)
+    assert cli.main(["bench"]) == code
+    assert capsys.readouterr().err in ("bigtri bench: a b\n", "bigtri bench: x\n", "bigtri bench: MemoryError\n")
+
+
+def test_every_view_of_few_pixels(model, tmp_path):
+    assert cli.main(["render", str(model), "-o", str(tmp_path / "v.png"), "--size", "18x40", "--view", "all"]) == 0
+    assert io.imread(tmp_path / "v-overdraw.png").shape == (40, 18, 3)
+
+
+def test_warnings_are_one_line(tmp_path, capsys):
+    (tmp_path / "one.obj").write_text("mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert cli.main(["render", str(tmp_path / "one.obj"), "-o", str(tmp_path / "x.png"), "--size", "32x32"]) == 0
+    warning = [line for line in capsys.readouterr().err.splitlines() if "gone.mtl" in line]
+    assert len(warning) == 1 and warning[0].startswith("bigtri: warning: ")
+
+
+def test_info(capsys):
+    assert cli.main(["info"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    names = {line.partition(":")[0] for line in lines}
+    assert {"bigtri", "python", "torch", "numpy", "system", "processor", "instruction sets", "extension", "torch CUDA"} <= names
+    assert __version__ in lines[0]
+
+
+def test_bench_hands_its_arguments_on(monkeypatch):
+    received = []
+    monkeypatch.setattr(benchmark, "main", lambda argv: received.append(argv) or 0)
+    assert cli.main(["bench", "--quick", "--help"]) == 0
+    assert received == [["--quick", "--help"]]
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["render", "--help"], ["demo", "--help"], ["--version"]])
+def test_help_as_a_module(arguments):
+    done = subprocess.run([sys.executable, "-m", "bigtri", *arguments], capture_output=True, text=True, check=True)
+    assert "bigtri" in done.stdout and not done.stderr
+    assert "--version" in arguments or "example" in done.stdout
+
+
+def test_demo(tmp_path, capsys):
+    assert cli.main(["demo", "--out", str(tmp_path / "pictures"), "--size", "320x180"]) == 0
+    printed = capsys.readouterr()
+    written = [path.name for path in (tmp_path / "pictures").iterdir()]
+    expected = ["shaded", "normals", "depth", "ids", "overdraw", "bins", "bins_one_triangle"]
+    assert sorted(written) == sorted(f"{name}.png" for name in expected)
+    assert len(printed.out.split()) == len(expected)
+    for step in ("setup", "binning", "tile mask", "scanline", "depth", "visibility", "fused", "attributes", "texture", "shading"):
+        assert step in printed.err
+    assert "the same bits" in printed.err
+    shaded = io.imread(tmp_path / "pictures" / "shaded.png")
+    assert shaded.shape == (180, 320, 3) and 60 < shaded.mean() < 200

@@ -1,0 +1,181 @@
+"""The extension against the reference, in bits: stage by stage, on every instruction set, at one and many threads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from cases import CASES, Case
+from test_reference_stages import corners_of_almost_none
+
+import bigtri
+from bigtri import native
+from bigtri.check import stages, verify
+
+pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
+
+
+@pytest.fixture(params=native.isa_levels() if native.available() else [])
+def isa(request):
+    with native.using_isa(request.param):
+        yield request.param
+
+
+@pytest.fixture(params=[1, 2, 5])
+def threads(request):
+    before = torch.get_num_threads()
+    torch.set_num_threads(request.param)
+    yield request.param
+    torch.set_num_threads(before)
+
+
+def make(name: str, seed: int = 0) -> Case:
+    return CASES[name](np.random.default_rng([seed, *name.encode()]))
+
+
+def assert_same_image(expected: np.ndarray, got: np.ndarray) -> None:
+    """As ``verify.compare`` says it, for images that come from elsewhere."""
+    if (index := verify.first_difference(expected, got)) is not None:
+        y, x = index
+        place = f"bin {(x // 64, y // 64)}, tile {(x % 64 // 8, y % 64 // 8)}, pixel {(x, y)}"
+        pytest.fail(f"stage rasterize, packed, {place}: expected {expected[index]:#018x}, got {got[index]:#018x}")
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_stage_has_the_reference_bits(name, isa):
+    case = make(name)
+    threshold = 4000 if case.resolution[0] * case.resolution[1] > 10**6 else 64
+    for variant in native.VARIANTS["cpu"]:
+        assert (difference := verify.compare(*case, variant=variant, threshold=threshold)) is None, str(difference)
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("name", [name for name in CASES if not name.startswith("size")])
+def test_more_seeds(name, seed):
+    for cull in ("none", "back", "front"):
+        assert (difference := verify.compare(*make(name, seed), cull=cull, threshold=1000)) is None, str(difference)
+
+
+@pytest.mark.parametrize("name", ["screen_size", "many_small", "layers", "behind_camera"])
+@pytest.mark.parametrize("variant", native.VARIANTS.get("cpu", ()))
+def test_variants_threads_and_instruction_sets_change_no_bit(variant, name, isa, threads):
+    case = make(name)
+    expected = bigtri.rasterize(*case, backend="reference")
+    for _ in range(3):
+        got = bigtri.rasterize(*case, backend="native", variant=variant)
+        assert_same_image(expected.packed, got.packed)
+
+
+@pytest.mark.parametrize("scissor", [(0, 0, 100, 100), (33, 17, 130, 90), (64, 64, 128, 128), (50, 50, 51, 51), (70, 20, 70, 90)])
+def test_scissor_is_a_crop(scissor, isa):
+    for name in ("screen_size", "many_small", "corner_of_huge", "slivers"):
+        assert (difference := verify.compare(*make(name), scissor=scissor)) is None, str(difference)
+    case = make("screen_size")
+    whole = bigtri.rasterize(*case, backend="reference").packed
+    x0, y0, x1, y1 = scissor
+    expected = np.full_like(whole, 2**63 - 1)
+    expected[y0:y1, x0:x1] = whole[y0:y1, x0:x1]
+    for backend in ("reference", "native"):
+        got = bigtri.rasterize(*case, backend=backend, scissor=scissor).packed
+        assert np.array_equal(got, expected), backend
+
+
+def test_nothing_is_written_outside_the_image(isa):
+    """Partial bins at the right and lower edge, between guard words."""
+    case = make("size_63x63")
+    expected = bigtri.rasterize(*case, backend="reference").packed
+    memory = torch.full((3, 63, 63), 0x5555, dtype=torch.int64)
+    positions, triangles = torch.from_numpy(case.positions), torch.from_numpy(case.triangles)
+    bigtri.rasterize(positions, triangles, case.resolution, backend="native", out=memory[1])
+    assert_same_image(expected, memory[1].numpy())
+    assert (memory[0] == 0x5555).all() and (memory[2] == 0x5555).all()
+
+
+def test_many_passes():
+    """More clipped triangles than one batch holds: later passes take up what earlier ones drew."""
+    rng = np.random.default_rng(5)
+    corners = rng.normal(0, 200, (40_000, 3, 4)) + [0, 0, 0, 1]
+    corners[..., 3] = np.abs(corners[..., 3])
+    corners[20_000:, :, :2] = corners[20_000:, :1, :2] + rng.normal(0, 3, (20_000, 3, 2))
+    corners[..., 2] = rng.uniform(-2, 2, (40_000, 3)) * corners[..., 3]
+    positions = corners.reshape(-1, 4).astype(np.float32)
+    triangles = np.arange(len(positions), dtype=np.int32).reshape(-1, 3)
+    a, b = (bigtri.rasterize(positions, triangles, (70, 130), backend=backend) for backend in ("reference", "native"))
+    assert_same_image(a.packed, b.packed)
+
+
+@pytest.mark.parametrize("values", [(0, 1e-45), (-0.0, 1e-45, 1e-42), (0, -0.0), (1e-38, 3e-39)])
+def test_depths_that_vanish(values, isa):
+    """Sums below the smallest float32 round to -0, whose bits would be the farthest of all: depth is never -0."""
+    case = make("screen_size")
+    records, _ = stages.setup(*case[:2], *case.resolution, backend="reference")
+    records = records._replace(z=np.random.default_rng(1).choice(np.array(values, np.float32), records.z.shape))
+    spans = stages.scanline(records, np.zeros((0, 3), np.int32), np.zeros(0, np.int64), np.arange(len(records.z), dtype=np.int32))
+    expected, got = (stages.depth(records, spans, backend=backend) for backend in ("reference", "native"))
+    assert not np.signbit(expected).any()
+    wrong = np.flatnonzero(~verify.same_bits(expected, got))
+    assert not len(wrong), f"stage depth, fragment {wrong[0]}: expected {expected[wrong[0]]}, got {got[wrong[0]]}"
+
+
+@pytest.mark.parametrize("size", [300, 30000])
+def test_depths_that_show_every_rounding(size, isa):
+    records, _, spans = corners_of_almost_none(size)
+    expected, got = (stages.depth(records, spans, backend=backend) for backend in ("reference", "native"))
+    wrong = np.flatnonzero(~verify.same_bits(expected, got))
+    assert not len(wrong), f"stage depth, fragment {wrong[0]}: expected {expected[wrong[0]]}, got {got[wrong[0]]}"
+
+
+def test_flush_to_zero_of_the_caller_changes_nothing():
+    """Denormal depths survive a thread that flushes them."""
+    corners = np.array([[[-1, -1, -1, 1], [3, -1, -1, 1], [-1, 3, -1, 1]]], np.float64)
+    corners[0, :, 2] = [-1, -1 + 2.0**-24, -1]
+    positions = (corners * 1e-38).astype(np.float32).reshape(-1, 4)
+    triangles = np.array([[0, 1, 2]], np.int32)
+    expected = bigtri.rasterize(positions, triangles, (33, 40), backend="reference")
+    assert (expected.triangle == 0).any()
+    if not torch.set_flush_denormal(True):
+        pytest.skip("this processor cannot flush denormals")
+    try:
+        got = bigtri.rasterize(positions, triangles, (33, 40), backend="native")
+    finally:
+        torch.set_flush_denormal(False)
+    assert_same_image(expected.packed, got.packed)
+
+
+def test_a_difference_is_named(monkeypatch):
+    """One flipped bit in the output of any stage is reported with its stage, bin, tile and pixel."""
+    case = make("on_bins")
+    real = torch.ops.bigtri
+
+    class Flipped:
+        def __init__(self, op: str, output: int, bit: int) -> None:
+            self.op, self.output, self.bit = op, output, bit
+
+        def __getattr__(self, name: str):
+            if name != self.op:
+                return getattr(real, name)
+
+            def call(*arguments):
+                result = getattr(real, name)(*arguments)
+                tensors = (arguments[7],) if name == "rasterize" else result if isinstance(result, tuple) else (result,)
+                flat = tensors[self.output].view(-1)
+                flat.view(torch.uint8)[(flat.numel() // 2) * flat.element_size()] ^= 1 << self.bit
+                return result
+
+            return call
+
+    places = {"binning": ("bin",), "tile_mask": ("bin", "tile")}
+    pixel = ("bin", "tile", "pixel")
+    for op, output in (
+        [("setup", k) for k in range(10)]
+        + [("binning", k) for k in range(2)]
+        + [("tile_mask", 0), ("tile_mask", 1)]
+        + [(op, 0) for op in ("scanline", "depth", "visibility", "rasterize", "barycentrics")]
+    ):
+        monkeypatch.setattr(torch.ops, "bigtri", Flipped(op, output, bit=0), raising=False)
+        found = verify.compare(*case, threshold=64)
+        assert found is not None, (op, output)
+        assert found.stage == {"barycentrics": "attributes"}.get(op, op), found
+        wanted = () if op == "setup" else places.get(op, pixel)
+        assert all(getattr(found, place) is not None for place in wanted), found
+        assert found.stage in str(found)

@@ -1,0 +1,168 @@
+"""The CUDA kernels on the CPU: their own sources, compiled for the host; threads run one after another, from barrier to barrier.
+
+What a GPU does beyond that (overlapping kernels, warps that overtake each other, its instructions) only a GPU can test; but every
+formula, index, queue and barrier of the kernels runs, memory is fenced, and it needs no GPU. Linux on x86-64, with the headers of
+the CUDA toolkit.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import traceback
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from cases import Case
+from numpy.typing import NDArray
+
+from bigtri import native
+
+HERE = Path(__file__).resolve().parent
+CSRC = HERE.parents[1] / "bigtri/csrc"
+SOURCES = tuple(sorted(file.stem for file in CSRC.glob("cuda/*.cu") if file.stem != "attributes"))
+VARIANTS = tuple(re.findall(r'\{"(\w+)", ', (CSRC / "cuda/variants.cu").read_text()))  # the registry
+CULLS = {"none": 0, "back": 1, "front": 2}
+
+# What a host compiler has no words for, and what there is instead: everything else is in cuda_on_cpu.h.
+CHANGES = (
+    (r"extern __shared__ __align__\(16\) char memory\[\];", "char* memory = dynamic_shared;"),
+    (r"__shared__ ", "static "),
+    (r'asm volatile\("mov\.u32 %0, %%tid\.x;".*', "i = threadIdx.x;"),
+    (r'asm volatile\("st\.global\.cs\.v2.*', "if ((uintptr_t)to & 15) abort(); to[0] = a; to[1] = b;"),
+    (r'asm volatile\("prefetch\.global\.L1.*', "(void)*static_cast<const volatile char*>(from);"),
+    (r'asm volatile\("red\.relaxed\.gpu\.global\.min\.s64.*', "if (packed < *pixel) *pixel = packed;"),
+)
+NO_ASSEMBLY = 'asm volatile("" : "+r"(v));'  # stays: it says something to the compiler only
+
+
+class Job(NamedTuple):
+    """A picture to draw, and what it has to be."""
+
+    case: Case
+    packed: NDArray[np.int64]  # [H, W]
+    depth: NDArray[np.float32]  # [H, W]
+    dropped: int
+    variant: str
+    settings: Mapping[str, int]  # fields of CudaTuning
+    cull: str = "none"
+    scissor: tuple[int, int, int, int] | None = None
+
+
+def cuda_headers() -> Path | None:
+    """Where the CUDA runtime's are."""
+    nvcc = shutil.which("nvcc")
+    homes = [os.environ.get("CUDA_HOME"), nvcc and Path(nvcc).resolve().parents[1], "/usr/local/cuda"]
+    for home in filter(None, homes):
+        if (include := Path(home) / "include").joinpath("cuda_runtime.h").exists():
+            return include
+    return None
+
+
+def available() -> str:
+    """Empty, or what is missing."""
+    if sys.platform != "linux" or platform.machine() != "x86_64":
+        return "Linux on x86-64 only"
+    if not shutil.which("c++"):
+        return "no C++ compiler"
+    return "" if cuda_headers() else "no headers of the CUDA toolkit"
+
+
+def build(folder: Path, mutation: tuple[str, str, str] | None = None) -> ctypes.CDLL:
+    """Compile the kernels into ``folder``. mutation: a file of csrc/cuda, text that it holds, and what to put in its place."""
+    shutil.copytree(CSRC / "core", folder / "core")
+    shutil.copytree(CSRC / "cuda", folder / "cuda", ignore=shutil.ignore_patterns("attributes*"))
+    for file in (folder / "cuda").iterdir():
+        text = file.read_text()
+        if mutation and file.name == mutation[0]:
+            assert mutation[1] in text, mutation
+            text = text.replace(mutation[1], mutation[2])
+        for old, new in CHANGES:
+            text = re.sub(old, new, text)
+        assert "asm volatile" not in text.replace(NO_ASSEMBLY, ""), f"{file.name}: assembly that has no other form here"
+        file.write_text(text)
+    folders = [f"-I{path}" for path in (cuda_headers(), folder / "cuda", HERE)]
+    compiler = ["c++", "-std=c++17", "-O1", "-w", "-fPIC", "-ffp-contract=off", *folders]
+    header = ["-include", str(HERE / "cuda_on_cpu.h"), "-x", "c++", "-c"]
+    sources = {folder / "cuda" / f"{name}.cu": folder / f"{name}.o" for name in SOURCES}
+    sources[HERE / "cuda_on_cpu.cpp"] = folder / "cuda_on_cpu.o"
+    running = [subprocess.Popen([*compiler, *header, str(source), "-o", str(out)]) for source, out in sources.items()]
+    assert not any([process.wait() for process in running]), "the kernels do not compile for the host"
+    library = folder / "kernels.so"
+    subprocess.run(["c++", "-shared", "-Wl,-Bsymbolic", "-o", str(library), *map(str, sources.values())], check=True)
+    return ctypes.CDLL(str(library))
+
+
+@functools.cache
+def kernels() -> ctypes.CDLL:
+    return build(Path(tempfile.mkdtemp(prefix="bigtri_cuda_on_cpu_")) / "build")
+
+
+def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.float32], int]:
+    """packed, depth and dropped of a job, by its kernels."""
+
+    def pointer(array: NDArray) -> ctypes.c_void_p:
+        return array.ctypes.data_as(ctypes.c_void_p)
+
+    height, width = job.case.resolution
+    x0, y0, x1, y1 = job.scissor or (0, 0, width, height)
+    cut = [min(max(value, 0), limit) for value, limit in ((x0, width), (y0, height), (x1, width), (y1, height))]
+    view = np.array([width, height, *cut, CULLS[job.cull]], np.int32)
+    fields = np.empty(len(native.CudaTuning._fields), np.int64)
+    library.default_settings(pointer(fields))
+    settings = native.CudaTuning(*fields.tolist())._replace(**job.settings)
+    if job.variant == "persistent":  # its blocks wait for each other, and here one comes after the other
+        settings = settings._replace(blocks=1)
+    fields[:] = settings
+    positions = np.ascontiguousarray(job.case.positions, np.float32)
+    triangles = np.ascontiguousarray(job.case.triangles, np.int32)
+    packed, depth, dropped = np.empty((height, width), np.int64), np.empty((height, width), np.float32), np.empty(1, np.int64)
+    refused = library.draw_on_cpu(
+        job.variant.encode(),
+        pointer(positions),
+        ctypes.c_int64(len(positions)),
+        pointer(triangles),
+        len(triangles),
+        *map(pointer, (view, fields, packed, depth, dropped)),
+    )
+    assert refused == 0, (refused, job.variant, settings)
+    return packed, depth, int(dropped[0])
+
+
+def differences(library: ctypes.CDLL, jobs: Iterable[Job]) -> list[str]:
+    """What is not as it has to be, a line for each job of which that can be said."""
+    found = []
+    for job, order in ((j, o) for n, j in enumerate(jobs) for o in (n % 3, 3 + n % 2)):
+        library.set_order(order)  # of threads, and of warps: must not matter
+        packed, depth, dropped = draw(library, job)
+        depths = int((depth.view(np.int32) != job.depth.view(np.int32)).sum())
+        wrong = int((packed != job.packed).sum()), depths, dropped - job.dropped
+        if any(wrong):
+            how = f"{job.variant}, {dict(job.settings)}, cull {job.cull}, scissor {job.scissor}"
+            found.append(f"{how}, order {order}: {wrong} values differ")
+    return found
+
+
+def differences_in_child(library: ctypes.CDLL, jobs: list[Job]) -> str:
+    """The same in a process of its own, which a kernel may end: what it said, empty if all is right."""
+    with tempfile.TemporaryFile("w+") as said:
+        if (child := os.fork()) == 0:
+            os.dup2(said.fileno(), 2)
+            try:
+                text = "\n".join(differences(library, jobs))
+            except BaseException:
+                text = traceback.format_exc()
+            os.write(said.fileno(), text.encode())
+            os._exit(0)
+        status = os.waitpid(child, 0)[1]
+        said.seek(0)
+        return said.read() + (f"\nended with status {status}" if status else "")

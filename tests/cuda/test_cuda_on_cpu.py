@@ -1,0 +1,147 @@
+"""The CUDA kernels without a GPU, in bits: every variant, case and way through them, run by cuda_on_cpu.py."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import cuda_on_cpu
+import numpy as np
+import pytest
+import torch
+from cases import CASES, Case
+from cuda_bits import CONSTRUCTIONS, PATHS
+from cuda_on_cpu import VARIANTS, Job
+
+import bigtri
+from bigtri import native
+from bigtri.ops.rasterize import CULLS
+
+pytestmark = [
+    pytest.mark.skipif(bool(cuda_on_cpu.available()), reason=cuda_on_cpu.available()),
+    pytest.mark.skipif(not native.available(), reason="the extension is not built"),
+    pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
+]
+
+PIXELS = 150_000  # of cases that are not too large
+SETTINGS = {
+    "entries": (1, 2, 352),
+    "warps": (0, 4, 8, 16),
+    "blocks": (0, 1, 3, 1000),
+    "queue": (1, 2, 700, 1 << 18),
+    "threshold": (0, 64, 4000, 10**9),
+    "cache": (0, 400_000, 800_000),
+    "few": (0, 1, 64, 256),
+    "some": (0, 4096, 65536),
+}
+ODD = (
+    "behind_camera",
+    "guard_band",
+    "crowded",
+    "clipped_fans",
+    "hundreds_in_a_bin",
+    "hundreds_in_a_list",
+    "long_slivers",
+    "slivers_across",
+    "small_on_cells",
+    "mixed",
+)
+
+
+@functools.cache
+def case_of(name: str) -> Case:
+    return CONSTRUCTIONS[name](np.random.default_rng([0, *name.encode()]))
+
+
+def job(
+    case: Case,
+    variant: str,
+    settings: dict[str, int],
+    triangles: np.ndarray | None = None,
+    dropped: int | None = None,
+    cull: str = "none",
+    scissor: tuple[int, int, int, int] | None = None,
+) -> Job:
+    """triangles, dropped: what the kernels get and count, where the CPU would refuse it."""
+    tensors = torch.from_numpy(case.positions), torch.from_numpy(case.triangles)
+    seen = bigtri.rasterize(*tensors, case.resolution, cull=cull, scissor=scissor, backend="native")
+    assert seen.depth is not None
+    given = case if triangles is None else case._replace(triangles=triangles)
+    count = int(seen.dropped) if dropped is None else dropped
+    return Job(given, seen.packed.numpy(), seen.depth.numpy(), count, variant, settings, cull, scissor)
+
+
+def assert_right(jobs: list[Job]) -> None:
+    said = cuda_on_cpu.differences_in_child(cuda_on_cpu.kernels(), jobs)
+    assert not said, said
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", CASES)
+def test_every_case(name: str, variant: str) -> None:
+    case = case_of(name)
+    if np.prod(case.resolution) > PIXELS:
+        pytest.skip("large")
+    assert_right([job(case, variant, settings) for settings in PATHS.values()])
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", ["corner_of_huge", "layers", "long_slivers", "small_by_the_screen", "clipped_fans"])
+def test_culling_and_scissor(name: str, variant: str) -> None:
+    case = case_of(name)
+    height, width = case.resolution
+    boxes = (None, (3, 5, width - 2, height - 9), (63, 1, 66, height), (-7, -7, 5, 5), (9, 9, 9, 20))
+    how = list(zip([*CULLS, *CULLS], boxes, strict=False))
+    assert_right([job(case, variant, settings, cull=c, scissor=b) for settings in PATHS.values() for c, b in how])
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", ODD)
+def test_launch_settings_change_no_bit(name: str, variant: str) -> None:
+    rng = np.random.default_rng(list(name.encode()))
+    drawn = [{field: int(rng.choice(values)) for field, values in SETTINGS.items()} for _ in range(24)]
+    alone = [{field: value} for field, values in SETTINGS.items() for value in values]
+    assert_right([job(case_of(name), variant, settings) for settings in (*drawn, *alone)])
+
+
+def test_every_setting_is_tried() -> None:
+    assert set(SETTINGS) == set(native.CudaTuning._fields)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("index", [-1, "V", 2**31 - 1, -(2**31)])
+def test_an_index_out_of_range_is_dropped_and_counted(index: int | str, variant: str) -> None:
+    case = case_of("mixed")
+    which = np.random.default_rng(1).permutation(len(case.triangles))[:11]
+    without, wrong = case.triangles.copy(), case.triangles.copy()
+    without[which] = 0  # of no area
+    wrong[which, np.arange(11) % 3] = len(case.positions) if isinstance(index, str) else index
+    finite = np.isfinite(case.positions[case.triangles]).all(axis=(1, 2))
+    dropped = int((~finite).sum() + finite[which].sum())
+    assert_right([job(case._replace(triangles=without), variant, s, triangles=wrong, dropped=dropped) for s in PATHS.values()])
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_nothing_to_draw(variant: str) -> None:
+    none = Case(np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32), (70, 131))
+    indices = np.zeros((1000, 3), np.int32)
+    assert_right([job(none, variant, s) for s in PATHS.values()])
+    assert_right([job(none, variant, s, triangles=indices, dropped=1000) for s in PATHS.values()])
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("region.cuh", "at[k] += step[k];", "at[k] += 2 * step[k];", "values differ"),
+        ("persistent.cu", "WarpOwn warp[kWarps];", "WarpOwn warp[kWarps / kWarps];", "cuda_on_cpu: "),
+        ("patch.cuh", "if (k == 0) {", "if (k == 0) { __syncthreads();", "cuda_on_cpu: "),
+        ("bin_owned.cu", "blockIdx.x);\n  __syncthreads();\n  Fate", "blockIdx.x);\n  Fate", "values differ"),
+        ("sliver.cuh", "for (bool more = true; more;)", "for (bool more = true; more; more = s->count > 0)", "cuda_on_cpu: "),
+    ],
+)
+def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path: Path) -> None:
+    """A formula, memory, a barrier that not all reach, one that is not there, what one warp reads after another has gone on."""
+    library = cuda_on_cpu.build(tmp_path / "build", (file, old, new))
+    drawn = [("mixed", "bin_owned"), ("mixed", "persistent"), ("layers", "bin_owned")]
+    jobs = [job(case_of(name), variant, {"queue": 1}) for name, variant in drawn]
+    assert said in cuda_on_cpu.differences_in_child(library, jobs)

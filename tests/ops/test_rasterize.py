@@ -1,0 +1,265 @@
+"""The public call: what it returns, what it accepts, and what it says of what it does not."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+
+import numpy as np
+import pytest
+import torch
+from backends import BACKENDS
+from cases import CASES, random_corners, soup
+
+import bigtri
+
+POSITIONS = np.array([[-0.5, -0.5, 0, 1], [0.5, -0.5, 0, 1], [0, 0.5, 0, 1]], np.float32)
+TRIANGLES = np.array([[0, 1, 2]], np.int32)
+
+
+@pytest.fixture(params=BACKENDS)
+def backend(request):
+    return request.param
+
+
+def test_fields_of_a_visibility(backend):
+    v = bigtri.rasterize(torch.from_numpy(POSITIONS), torch.from_numpy(TRIANGLES), (8, 16), backend=backend)
+    assert v.packed.dtype == torch.int64 and v.packed.shape == (8, 16)
+    assert v.triangle.dtype == torch.int32 and v.triangle.shape == (8, 16)
+    assert v.depth.dtype == torch.float32 and v.depth.shape == (8, 16)
+    assert v.dropped.dtype == torch.int64 and v.dropped.shape == ()
+    background = v.triangle == -1
+    assert 0 < background.sum() < background.numel()
+    assert (v.packed[background] == 2**63 - 1).all() and torch.isinf(v.depth[background]).all()
+    assert (v.depth[~background] == 0.5).all() and (v.triangle[~background] == 0).all()
+    assert v.triangle[0, 0] == -1 and v.triangle[4, 8] == 0
+
+
+def test_numpy_in_numpy_out(backend):
+    v = bigtri.rasterize(POSITIONS, TRIANGLES, (8, 16), backend=backend)
+    assert all(isinstance(field, (np.ndarray, np.generic)) for field in v)
+    t = bigtri.rasterize(torch.from_numpy(POSITIONS), torch.from_numpy(TRIANGLES), (8, 16), backend=backend)
+    assert all(np.array_equal(a, b.numpy()) for a, b in zip(v, t, strict=True))
+
+
+def test_batch_equals_single_views(backend):
+    views = np.stack([soup(random_corners(np.random.default_rng(k), 12, 1.2), (60, 70)).positions for k in range(3)])
+    triangles = np.arange(36, dtype=np.int32).reshape(-1, 3)
+    views[1, 4, 2] = np.nan
+    batch = bigtri.rasterize(views, triangles, (60, 70), backend=backend)
+    assert batch.packed.shape == (3, 60, 70) and batch.dropped.tolist() == [0, 1, 0]
+    for k in range(3):
+        single = bigtri.rasterize(views[k], triangles, (60, 70), backend=backend)
+        assert all(np.array_equal(a[k], b) for a, b in zip(batch, single, strict=True))
+
+
+def test_culling_is_by_winding_on_the_screen(backend):
+    drawn = {
+        cull: bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend, cull=cull).triangle.max()
+        for cull in ("none", "back", "front")
+    }
+    assert drawn == {"none": 0, "back": 0, "front": -1}
+
+
+def test_depth_can_be_left_out(backend):
+    assert bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend, depth=False).depth is None
+
+
+def test_out_is_written(backend):
+    out = torch.zeros(8, 8, dtype=torch.int64)
+    v = bigtri.rasterize(torch.from_numpy(POSITIONS), torch.from_numpy(TRIANGLES), (8, 8), backend=backend, out=out)
+    assert v.packed.data_ptr() == out.data_ptr() and (out != 0).all()
+
+
+@pytest.mark.parametrize("shape", [(0, 4), (2, 0, 4), (0, 3, 4)])
+def test_nothing_to_draw(shape, backend):
+    v = bigtri.rasterize(np.zeros(shape, np.float32), np.zeros((0, 3), np.int32), (5, 6), backend=backend)
+    assert v.packed.shape == (*shape[:-2], 5, 6) and (v.packed == 2**63 - 1).all()
+    assert v.dropped.shape == shape[:-2]
+
+
+def test_memory_of_any_layout(backend):
+    case = CASES["screen_size"](np.random.default_rng(0))
+    expected = bigtri.rasterize(*case, backend=backend).packed
+    strided = np.repeat(case.positions, 2, axis=0)[::2]
+    column_major = np.asfortranarray(case.triangles)
+    read_only = case.positions.copy()
+    read_only.flags.writeable = False
+    for positions, triangles in ((strided, case.triangles), (case.positions, column_major), (read_only, case.triangles)):
+        assert np.array_equal(bigtri.rasterize(positions, triangles, case.resolution, backend=backend).packed, expected)
+
+
+P, T = torch.from_numpy(POSITIONS), torch.from_numpy(TRIANGLES)
+IMAGE = torch.zeros(8, 8, dtype=torch.int64)
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # torch calls both kinds unfinished
+    NESTED, SPARSE_ROWS = [torch.nested.nested_tensor([t, t]) for t in (P, T)], IMAGE.to_sparse_csr()
+
+
+@pytest.mark.parametrize(
+    ("argument", "arguments", "keywords"),
+    [
+        ("positions", (P.double(), T, (8, 8)), {}),
+        ("positions", (P[:, :3], T, (8, 8)), {}),
+        ("positions", (P[0], T, (8, 8)), {}),
+        ("positions", ([[0.0]], T, (8, 8)), {}),
+        ("positions", (None, T, (8, 8)), {}),
+        ("triangles", (P, T.long(), (8, 8)), {}),
+        ("triangles", (P, T[:, :2], (8, 8)), {}),
+        ("triangles", (P, T[0], (8, 8)), {}),
+        ("triangles", (P, T.to("meta"), (8, 8)), {}),
+        ("resolution", (P, T, (0, 8)), {}),
+        ("resolution", (P, T, (8, -1)), {}),
+        ("resolution", (P, T, (8, 16385)), {}),
+        ("resolution", (P, T, (2**70, 8)), {}),
+        ("resolution", (P, T, (8.0, 8)), {}),
+        ("resolution", (P, T, 8), {}),
+        ("resolution", (P, T, (8, 8, 8)), {}),
+        ("cull", (P, T, (8, 8)), {"cull": "both"}),
+        ("backend", (P, T, (8, 8)), {"backend": "gpu"}),
+        ("variant", (P, T, (8, 8)), {"variant": "fast"}),
+        ("precision", (P, T, (8, 8)), {"precision": "double"}),
+        ("scissor", (P, T, (8, 8)), {"scissor": (0, 0, 8)}),
+        ("scissor", (P, T, (8, 8)), {"scissor": (5, 0, 2, 8)}),
+        ("scissor", (P, T, (8, 8)), {"scissor": (0, 0, 2.5, 8)}),
+        ("out", (P, T, (8, 8)), {"out": torch.empty(8, 9, dtype=torch.int64)}),
+        ("out", (P, T, (8, 8)), {"out": torch.empty(8, 8)}),
+        ("out", (P, T, (8, 8)), {"out": torch.empty(8, 16, dtype=torch.int64)[:, ::2]}),
+        ("out", (P, T, (8, 8)), {"out": "memory"}),
+        ("out", (P, T, (8, 8)), {"out": np.zeros((8, 8), np.int32)}),
+        ("out", (P, T, (8, 8)), {"out": np.broadcast_to(np.int64(0), (8, 8))}),
+        ("positions", (P.to_sparse(), T, (8, 8)), {}),
+        ("positions", (P.to("meta"), T.to("meta"), (8, 8)), {"backend": "reference"}),
+        ("positions", (NESTED[0], T, (8, 8)), {}),
+        ("triangles", (P, NESTED[1], (8, 8)), {}),
+        ("resolution", (P, T, itertools.repeat(8)), {}),
+        ("resolution", (P, T, None), {}),
+        ("scissor", (P, T, (8, 8)), {"scissor": itertools.count()}),
+        ("scissor", (P, T, (8, 8)), {"scissor": ()}),
+        ("cull", (P, T, (8, 8)), {"cull": np.array(["none", "back"])}),
+        ("cull", (P, T, (8, 8)), {"cull": None}),
+        ("backend", (P, T, (8, 8)), {"backend": np.array(["auto", "native"])}),
+        ("variant", (P, T, (8, 8)), {"variant": torch.zeros(2)}),
+        ("precision", (P, T, (8, 8)), {"precision": 1}),
+        ("depth", (P, T, (8, 8)), {"depth": np.ones(2)}),
+        ("depth", (P, T, (8, 8)), {"depth": None}),
+        ("validate", (P, T, (8, 8)), {"validate": torch.ones(2)}),
+        ("validate", (P, T, (8, 8)), {"validate": "yes"}),
+    ],
+)
+def test_errors_name_the_argument(argument, arguments, keywords):
+    with pytest.raises((TypeError, ValueError), match=rf"bigtri\.rasterize: {argument} "):
+        bigtri.rasterize(*arguments, **keywords)
+
+
+def freed(tensor: torch.Tensor, size: int = 0) -> torch.Tensor:
+    """A copy that has lost its memory, or all but ``size`` bytes of it."""
+    copy = tensor.clone()
+    copy.untyped_storage().resize_(size)
+    return copy
+
+
+@pytest.mark.parametrize(
+    ("out", "error", "got"),
+    [
+        ("memory", TypeError, "str"),
+        (np.zeros((8, 8)), TypeError, r"float64 \[8, 8\]"),
+        (np.zeros((8, 8), ">i8"), TypeError, r">i8 \[8, 8\]"),
+        (IMAGE.float(), TypeError, r"float32 \[8, 8\]"),
+        (IMAGE.to_sparse(), ValueError, "torch.sparse_coo"),
+        (SPARSE_ROWS, ValueError, "torch.sparse_csr"),
+        (IMAGE[:, :7], ValueError, r"int64 \[8, 7\]"),
+        (IMAGE.t(), ValueError, r"int64 \[8, 8\] with strides \(1, 8\)"),
+        (np.zeros((8, 8), np.int64)[::-1], ValueError, r"int64 \[8, 8\] with strides \(-64, 8\)"),
+        (IMAGE.to("meta"), ValueError, r"int64 \[8, 8\] on meta"),
+        (torch._neg_view(IMAGE), ValueError, r"int64 \[8, 8\], a negated view"),
+        (torch._efficientzerotensor((8, 8), dtype=torch.int64), ValueError, r"int64 \[8, 8\], a zero tensor without memory"),
+        (torch._to_functional_tensor(IMAGE), ValueError, "one inside torch.vmap, torch.func or functionalization"),
+        (freed(IMAGE), ValueError, "a storage of 0 bytes"),
+        (freed(IMAGE, 504), ValueError, "a storage of 504 bytes"),
+    ],
+)
+def test_what_out_may_not_be(out, error, got, backend):
+    with pytest.raises(error, match=rf"bigtri\.rasterize: out must (be|have memory) .*, got {got}$"):
+        bigtri.rasterize(P, T, (8, 8), backend=backend, out=out)
+
+
+@pytest.mark.parametrize("kept", [0, 8])
+def test_memory_that_is_gone(kept, backend):
+    """torch lets go of a storage under its tensors; whoever reads them then reads what is not theirs."""
+    for name, arguments in (("positions", (freed(P, kept), T)), ("triangles", (P, freed(T, kept)))):
+        with pytest.raises(ValueError, match=rf"bigtri\.rasterize: {name} must have memory for all its elements, \d+ bytes, got"):
+            bigtri.rasterize(*arguments, (8, 8), backend=backend)
+    column_major = P.t().contiguous().t()  # the last element is read, whatever the order
+    column_major.untyped_storage().resize_(44)
+    with pytest.raises(ValueError, match="48 bytes, got a storage of 44 bytes"):
+        bigtri.rasterize(column_major, T, (8, 8), backend=backend)
+    with pytest.raises(ValueError, match=r"bigtri\.decode_srgb: encoded must have memory"):
+        bigtri.decode_srgb(freed(torch.zeros(9, dtype=torch.uint8), kept), backend=backend)
+    assert bigtri.decode_srgb(torch.zeros(0, dtype=torch.uint8), backend=backend).shape == (0,)
+
+
+def test_views_that_negate_and_zeros_without_memory(backend):
+    expected = bigtri.rasterize(-P, T, (8, 8), backend=backend).packed
+    for negated in (torch._neg_view(P), torch.complex(P, P).conj().imag):
+        assert negated.is_neg()
+        assert torch.equal(bigtri.rasterize(negated, T, (8, 8), backend=backend).packed, expected)
+    zeros = torch._efficientzerotensor((3, 4))
+    assert (bigtri.rasterize(zeros, T, (8, 8), backend=backend).triangle == -1).all()
+    assert not bigtri.encode_srgb(zeros, backend=backend).any()
+
+
+def test_functional_and_batched_tensors(backend):
+    """Operators that write into memory have no rule for them, and NumPy would read memory that they do not have."""
+    functional = torch._to_functional_tensor
+    for name, arguments in (("positions", (functional(P), T)), ("triangles", (P, functional(T)))):
+        with pytest.raises(ValueError, match=rf"bigtri\.rasterize: {name} must be a plain tensor, got one inside torch.vmap"):
+            bigtri.rasterize(*arguments, (8, 8), backend=backend)
+    with pytest.raises(ValueError, match=r"bigtri\.rasterize: positions must be a plain tensor, got one inside torch.vmap"):
+        torch.vmap(lambda p: bigtri.rasterize(p, T, (8, 8), backend=backend).packed)(P[None])
+    if backend == "reference":
+        with pytest.raises(ValueError, match=r"bigtri\.encode_srgb: linear must be a plain tensor"):
+            bigtri.encode_srgb(functional(P), backend=backend)
+    else:
+        assert torch.equal(torch.vmap(bigtri.encode_srgb)(P), bigtri.encode_srgb(P))
+        gradient = torch.func.grad(lambda p: p.sum() + bigtri.rasterize(p, T, (8, 8), backend=backend).triangle.sum())(P)
+        assert (gradient == 1).all()
+
+
+@pytest.mark.parametrize("index", [-1, 3, 2**31 - 1, -(2**31)])
+def test_an_index_out_of_range_draws_nothing(index, backend):
+    out = torch.full((8, 8), 77, dtype=torch.int64)
+    triangles = torch.tensor([[0, 1, 2], [0, 1, index]], dtype=torch.int32)
+    with pytest.raises(RuntimeError, match="triangles must index positions, 0 to 2, got indices from"):
+        bigtri.rasterize(P, triangles, (8, 8), backend=backend, out=out)
+    assert (out == 77).all()
+
+
+def test_read_only_memory_is_not_written(tmp_path, backend):
+    """A mapping of a file opened for reading: writing through it would end the process."""
+    np.zeros((8, 8), np.int64).tofile(tmp_path / "image")
+    image = np.memmap(tmp_path / "image", np.int64, "r", shape=(8, 8))
+    with pytest.raises(ValueError, match=r"bigtri\.rasterize: out must be writable"):
+        bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend, out=image)
+
+
+@pytest.mark.parametrize("name", ["positions", "triangles"])
+def test_an_output_over_an_input(name, backend):
+    """Indices that change while they are read would lead anywhere; and the caller would lose them."""
+    memory = torch.zeros(64, dtype=torch.int64)
+    positions, triangles = P, T
+    if name == "positions":
+        positions = memory.view(torch.float32)[40:52].view(3, 4).copy_(P)
+    else:
+        triangles = memory.view(torch.int32)[40:43].view(1, 3).copy_(T)
+    with pytest.raises(ValueError, match=rf"bigtri\.rasterize: out must not share memory with {name}"):
+        bigtri.rasterize(positions, triangles, (8, 8), backend=backend, out=memory.view(8, 8))
+    assert torch.equal(positions, P) and torch.equal(triangles, T)
+
+
+def test_scissor_beyond_the_image_is_cut(backend):
+    whole = bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend).packed
+    for scissor in ((-100, -100, 100, 100), (-(2**40), 0, 2**40, 8), (0, 0, 2**64, 2**64), (-(2**70), -(2**70), 8, 8)):
+        assert np.array_equal(bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend, scissor=scissor).packed, whole)
+    for scissor in ((2**64, 0, 2**65, 8), (0, -(2**65), 8, -(2**64)), (8, 8, 8, 8)):
+        assert (bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend, scissor=scissor).triangle == -1).all()

@@ -1,0 +1,134 @@
+"""Texture lookups: texels read by hand, a scalar model of the specification, and backend against backend."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from backends import BACKENDS, needs_native
+
+from bigtri import sample_texture
+
+# Row 0 is on top: 10 20 above 30 40.
+FOUR = np.array([[[10], [20]], [[30], [40]]], np.float32)
+
+
+def look_up(texture, uv, backend, **how) -> list[float]:
+    return sample_texture(texture, np.array(uv, np.float32), backend=backend, **how)[..., 0].tolist()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_v_points_up(backend):
+    corners = [(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)]
+    for how in ("nearest", "bilinear"):
+        assert look_up(FOUR, corners, backend, filter=how) == [30, 40, 10, 20]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_bilinear_by_hand(backend):
+    assert look_up(FOUR, [(0.5, 0.75), (0.25, 0.5), (0.5, 0.5)], backend) == [15, 20, 25]
+    # 3/8 of the width is 1/4 of the way between the texel centres at 1/4 and 3/4.
+    assert look_up(FOUR, [(0.375, 0.75)], backend) == [12.5]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_wrapping_by_hand(backend):
+    edge = [(0.0, 0.75), (1.0, 0.75), (0.25, 1.0)]
+    assert look_up(FOUR, edge, backend, wrap="repeat") == [15, 15, 20]
+    assert look_up(FOUR, edge, backend, wrap="clamp") == [10, 20, 10]
+    beyond = [(1.25, 0.75), (-0.25, 0.75), (7.25, -2.25)]
+    assert look_up(FOUR, beyond, backend, wrap="repeat", filter="nearest") == [10, 20, 10]
+    assert look_up(FOUR, beyond, backend, wrap="clamp", filter="nearest") == [20, 10, 40]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_is_not_finite_reads_the_origin(backend):
+    bad = [(math.nan, 0.75), (0.75, math.inf), (-math.inf, math.nan), (0, 0)]
+    for how in ("nearest", "bilinear"):
+        values = look_up(FOUR, bad, backend, filter=how)
+        assert values == [values[-1]] * 4
+
+
+def by_the_specification(texture, u, v, how, wrap):
+    """docs/numerics.md section 10 for one coordinate, in scalars."""
+    f = np.float32
+    height, width, _ = texture.shape
+    u, v = (f(u), f(v)) if np.isfinite(u) and np.isfinite(v) else (f(0), f(0))
+    if wrap == "repeat":
+        u, v = u - np.floor(u), v - np.floor(v)
+    else:
+        u, v = min(max(u, f(0)), f(1)), min(max(v, f(0)), f(1))
+    if how == "nearest":
+        return texture[min(int(np.floor((f(1) - v) * f(height))), height - 1), min(int(np.floor(u * f(width))), width - 1)]
+    x, y = u * f(width) - f(0.5), (f(1) - v) * f(height) - f(0.5)
+    tx, ty = x - np.floor(x), y - np.floor(y)
+
+    def texel(dx, dy):
+        column, row = int(np.floor(x)) + dx, int(np.floor(y)) + dy
+        if wrap == "repeat":
+            return texture[row % height, column % width]
+        return texture[min(max(row, 0), height - 1), min(max(column, 0), width - 1)]
+
+    top = texel(0, 0) + (texel(1, 0) - texel(0, 0)) * tx
+    bottom = texel(0, 1) + (texel(1, 1) - texel(0, 1)) * tx
+    return top + (bottom - top) * ty
+
+
+def awkward_coordinates(rng, count) -> np.ndarray:
+    special = [0, -0.0, 1, -1, 0.5, np.nextafter(np.float32(1), np.float32(0)), 1e-45, -1e-45, -1e-9, 3.4e38, -3.4e38, 8388608.5]
+    return np.concatenate(
+        [
+            rng.normal(0, 2, (count, 2)),
+            rng.choice([*special, np.nan, np.inf], (count, 2)),
+            rng.integers(-20, 21, (count, 2)) / 8,
+        ]
+    ).astype(np.float32)
+
+
+SHAPES = [(1, 1, 3), (5, 7, 3), (8, 8, 1), (1, 9, 4)]
+
+
+@pytest.mark.parametrize("wrap", ["repeat", "clamp"])
+@pytest.mark.parametrize("how", ["nearest", "bilinear"])
+def test_reference_is_the_specification(how, wrap):
+    rng = np.random.default_rng(0)
+    for shape in SHAPES:
+        texture, uv = rng.normal(size=shape).astype(np.float32), awkward_coordinates(rng, 60)
+        expected = np.array([by_the_specification(texture, u, v, how, wrap) for u, v in uv], np.float32)
+        assert sample_texture(texture, uv, filter=how, wrap=wrap, backend="reference").tobytes() == expected.tobytes()
+
+
+@needs_native
+@pytest.mark.parametrize("wrap", ["repeat", "clamp"])
+@pytest.mark.parametrize("how", ["nearest", "bilinear"])
+def test_backends_agree_in_bits(how, wrap):
+    rng = np.random.default_rng(1)
+    for shape in SHAPES:
+        texture, uv = rng.normal(size=shape).astype(np.float32), awkward_coordinates(rng, 3000)
+        one, two = (sample_texture(texture, uv, filter=how, wrap=wrap, backend=backend) for backend in ("reference", "native"))
+        assert one.tobytes() == two.tobytes()
+
+
+def test_shapes_and_kinds():
+    texture = torch.rand(4, 6, 3, requires_grad=True)
+    result = sample_texture(texture, torch.rand(2, 3, 5, 2))
+    assert result.shape == (2, 3, 5, 3) and not result.requires_grad
+    assert sample_texture(texture, np.zeros(2, np.float32)).shape == (3,)
+    assert sample_texture(texture, torch.zeros(0, 2)).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "text"),
+    [
+        ({"texture": FOUR[..., 0]}, ValueError, r"texture must be float32 \[Ht, Wt, C\]"),
+        ({"texture": FOUR.astype(np.uint8)}, TypeError, "texture must be float32"),
+        ({"texture": FOUR[:0]}, ValueError, "texture must have at least one texel"),
+        ({"uv": np.zeros((3, 3), np.float32)}, ValueError, "uv must have size 2"),
+        ({"uv": np.zeros((3, 2))}, TypeError, "uv must be float32"),
+        ({"filter": "linear"}, ValueError, "filter must be one of 'bilinear', 'nearest', got 'linear'"),
+        ({"wrap": "mirror"}, ValueError, "wrap must be one of"),
+    ],
+)
+def test_errors_name_the_argument(change, error, text):
+    with pytest.raises(error, match="bigtri.sample_texture: " + text):
+        sample_texture(**{"texture": FOUR, "uv": np.zeros((3, 2), np.float32), **change})
