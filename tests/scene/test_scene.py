@@ -10,7 +10,7 @@ from PIL import Image
 
 from bigtri import Camera, Scene, load_scene, render
 from bigtri.reference.shading import decode_table
-from bigtri.scene import Light, Material, from_trimesh, merge
+from bigtri.scene import Light, Material, from_trimesh, load, merge
 from bigtri.scene.normals import face_normals, is_closed, split_normals
 
 # Red, green above blue, white: every corner of a texture is told from the others.
