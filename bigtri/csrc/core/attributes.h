@@ -4,6 +4,7 @@
 #include "resolve.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
 // e_k at the centre of pixel (x, y), as float64: exact, since |e| < 2^50.
 BIGTRI_HD double edge_at(const Primitive& p, int k, int32_t x, int32_t y) { return (double)edge_value(edge_of(p.x, p.y, k), pixel_centre(x), pixel_centre(y)); }
@@ -29,4 +30,5 @@ BIGTRI_HD F interpolate(const F b[3], float a0, float a1, float a2) {
   return (b[0] * a0 + b[1] * a1) + b[2] * a2;
 }
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -4,6 +4,7 @@
 #include "numerics.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
 BIGTRI_HD bool is_large(int x0, int y0, int x1, int y1, int64_t threshold) { return (int64_t)(x1 - x0) * (y1 - y0) > threshold; }
 
@@ -44,9 +45,9 @@ BIGTRI_HD F highest_of(F f, int32_t sx, int32_t sy, int last_x, int last_y) {
   return f + (last_x * max_of(sx, 0) + last_y * max_of(sy, 0));
 }
 
-BIGTRI_HD BinEdge bin_edge(const Edge& e, int bin_x, int bin_y) {
+BIGTRI_HD BinEdge bin_edge(const Edge& e, int bin_x, int bin_y, SamplePoint at = kCentre) {
   BinEdge b;
-  b.f = edge_steps(e, bin_x * kBin, bin_y * kBin);
+  b.f = edge_steps(e, bin_x * kBin, bin_y * kBin, at);
   b.sx = -e.dy;
   b.sy = e.dx;
   b.lowest = lowest_of(b.f, b.sx, b.sy, kBin - 1);
@@ -54,8 +55,8 @@ BIGTRI_HD BinEdge bin_edge(const Edge& e, int bin_x, int bin_y) {
   return b;
 }
 
-// int32 edge inside a bin that the edge does not reject. Constant where the whole bin is inside, so what remains crosses the bin, and then
-// stays within 98.44 % of 2^31 over the guard band.
+// int32 edge inside a bin that the edge does not reject. Constant where the whole bin is inside, so what remains crosses the bin: its extremes over the 64x64
+// centres have both signs, so neither is farther from 0 than they are from each other, |f| <= 63 * (|sx| + |sy|) <= 63 * 2^25 = 63/64 * 2^31.
 struct NarrowEdge {
   int32_t f, sx, sy;
 };
@@ -65,4 +66,5 @@ BIGTRI_HD NarrowEdge narrow(const BinEdge& b) {
   return {(int32_t)b.f, b.sx, b.sy};
 }
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

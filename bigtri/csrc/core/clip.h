@@ -5,6 +5,7 @@
 #include "numerics.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
 constexpr int kPlanes = 6;  // near, X-, X+, Y-, Y+, depth
 constexpr int kNear = 0;
@@ -20,7 +21,7 @@ struct Plane {
 };
 
 BIGTRI_HD Plane clip_plane(int k, int width, int height) {
-  const double w = 128.0 * width, h = 128.0 * height, low = kGuard, high = kGuard - 1;
+  const double w = (double)kHalf * width, h = (double)kHalf * height, low = kGuard, high = kGuard - 1;
   switch (k) {
     case 0: return {2, 3, 1.0, 1.0};
     case 1: return {0, 3, w, w + low};
@@ -144,4 +145,5 @@ BIGTRI_HD int clip_triangle(const float v[3][4], uint32_t outside, int width, in
   return n;
 }
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -4,6 +4,7 @@
 #include "numerics.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
 // D is double, or a vector of doubles: the CPU's inner loops and the per-pixel stages share the formula.
 template <class D, class G, class Z, class Area>
@@ -88,4 +89,5 @@ BIGTRI_HD int64_t pack_fragment(float z, uint32_t triangle) { return z > 1.0f ? 
 // What has been packed; infinity on the background.
 BIGTRI_HD float depth_of(int64_t packed) { return packed == kBackground ? kInfinity : bits_float((uint32_t)(packed >> 32)); }
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -1,31 +1,43 @@
-// Constants and edge functions; docs/numerics.md 1 and 3. Mirrors bigtri/reference/numerics.py.
+// Constants and edge functions; docs/numerics.md 1 and 3. Mirrors bigtri/reference/numerics.py. What stands in the inline namespace is compiled once per rung.
 #pragma once
 
-#include "platform.h"
+#include "frame.h"
+#include "precision.h"
+
+#if !defined(BIGTRI_RUNG)
+#error "BIGTRI_RUNG must name a rung of core/precision.h"
+#endif
+
+// Files that count are compiled twice; what they compile to must not be merged either.
+#if defined(BIGTRI_COUNTING)
+#define BIGTRI_JOIN(A, B) A##B
+#define BIGTRI_EXPAND_AND_JOIN(A, B) BIGTRI_JOIN(A, B)
+#define BIGTRI_NAMESPACE BIGTRI_EXPAND_AND_JOIN(BIGTRI_RUNG, _counting)
+#else
+#define BIGTRI_NAMESPACE BIGTRI_RUNG
+#endif
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
-constexpr int kSubpixelBits = 8;
-constexpr int kSubpixel = 1 << kSubpixelBits;  // 1 px in subpx
-constexpr int kGuard = 1 << 23;                // X and Y lie in [-kGuard, kGuard - 1] subpx
-constexpr int kBinBits = 6;
-constexpr int kBin = 1 << kBinBits;            // px; int32 edge values are exact in a bin of 64, not of 128
-constexpr int kTile = 8;                       // px
-constexpr int kMaxSize = 16384;                // px
-constexpr int64_t kLargeThreshold = 4000;      // px of bbox; not above: the direct path
-constexpr int64_t kThinRatio = 32;             // numerics.md 7
-constexpr int64_t kBackground = INT64_MAX;
+using Rung = rungs::BIGTRI_RUNG;
+
+constexpr int kSubpixelBits = Rung::kSubpixelBits;
+constexpr int kSubpixel = 1 << kSubpixelBits;     // 1 px in subpx
+constexpr int kHalf = kSubpixel / 2;              // half a pixel
+constexpr int kGuard = 1 << (15 + kSubpixelBits);  // X and Y lie in [-kGuard, kGuard - 1] subpx
+// Every bound below is for 8 bits and holds for fewer, which make all integers smaller.
+static_assert(kSubpixelBits <= 8, "more sub-pixel bits need wider integers");
+constexpr int64_t kLargeThreshold = 4000;  // px of bbox; not above: the direct path
+constexpr int64_t kThinRatio = 32;         // numerics.md 7
 constexpr float kInfinity = __builtin_inff();
 constexpr float kNotANumber = __builtin_nanf("");
 
-enum Cull : int { kCullNone = 0, kCullBack = 1, kCullFront = 2 };
-
-// The image, the scissor cut to it (half-open, px), and which faces are left out.
-struct Viewport {
-  int width, height;
-  int x0, y0, x1, y1;
-  int cull;
+// Where in its pixel a sample lies, subpx from the pixel's corner.
+struct SamplePoint {
+  int32_t x, y;
 };
+constexpr SamplePoint kCentre = {kHalf, kHalf};
 
 // One edge of a positively oriented triangle, from P along (dx, dy); subpx. Differences of coordinates in [-2^23, 2^23) fit 25 bits.
 struct Edge {
@@ -45,13 +57,15 @@ BIGTRI_HD int64_t edge_value(const Edge& e, int32_t sx, int32_t sy) { return (in
 BIGTRI_HD int64_t edge_bias(const Edge& e) { return ((e.dy < 0) | ((e.dy == 0) & (e.dx > 0))) - 1; }  // no branches
 
 // The centre of pixel p, subpx.
-BIGTRI_HD int32_t pixel_centre(int32_t p) { return p * kSubpixel + kSubpixel / 2; }
+BIGTRI_HD int32_t pixel_centre(int32_t p) { return p * kSubpixel + kHalf; }
 
-// f = floor((value + bias)/256): at pixel centres covered where >= 0 for all three edges; changes by -dy and +dx per pixel.
+// f = floor((value + bias)/kSubpixel): at pixel centres covered where >= 0 for all three edges; changes by -dy and +dx per pixel.
 BIGTRI_HD int64_t steps_of(int64_t value, const Edge& e) { return (value + edge_bias(e)) >> kSubpixelBits; }
 
-// f at the centre of pixel (x, y).
-BIGTRI_HD int64_t edge_steps(const Edge& e, int32_t x, int32_t y) { return steps_of(edge_value(e, pixel_centre(x), pixel_centre(y)), e); }
+// f at the sample point of pixel (x, y).
+BIGTRI_HD int64_t edge_steps(const Edge& e, int32_t x, int32_t y, SamplePoint at = kCentre) {
+  return steps_of(edge_value(e, x * kSubpixel + at.x, y * kSubpixel + at.y), e);
+}
 
 // Twice the signed area, subpx^2; > 0 is clockwise on the screen (y down).
 BIGTRI_HD int64_t twice_area(const int32_t x[3], const int32_t y[3]) { return (int64_t)(x[1] - x[0]) * (y[2] - y[0]) - (int64_t)(y[1] - y[0]) * (x[2] - x[0]); }
@@ -98,4 +112,5 @@ BIGTRI_HD double quotient(double v, const Divisor& by) {
 #endif
 }
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -39,4 +39,6 @@ BIGTRI_HD float bits_float(uint32_t v) { return bits_as<float>(v); }
 BIGTRI_HD uint64_t double_bits(double v) { return bits_as<uint64_t>(v); }
 BIGTRI_HD double bits_double(uint64_t v) { return bits_as<double>(v); }
 
+BIGTRI_HD bool is_finite(float v) { return (float_bits(v) & 0x7f800000u) != 0x7f800000u; }
+
 }  // namespace bigtri

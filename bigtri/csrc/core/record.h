@@ -6,6 +6,7 @@
 #include "setup.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
 struct Record {  // 96 bytes, 104 on the GPU
   int32_t x[3], y[3];  // subpx
@@ -19,9 +20,9 @@ struct Record {  // 96 bytes, 104 on the GPU
 };
 constexpr uint32_t kRecordLarge = 1, kRecordThin = 2, kRecordFar = 4;  // far: zmax > 1, some fragments may be dropped
 
-// The direct path keeps f in int32 without the bin test that makes this safe for others. For a triangle of extent D <= 2^18 subpx (1024 px) and samples up to
+// The direct path keeps f in int32 without the bin test that makes this safe for others. For a triangle of extent D <= 1024 px, 2^18 subpx at 8 bits, and samples up to
 // 8 px beyond it, |e| <= 2 * D * (D + 2^11), so |f| < 2^30. A small bbox alone is not enough: the screen may have cut it from a huge triangle.
-constexpr int32_t kDirectExtent = 1 << 18;
+constexpr int32_t kDirectExtent = 1024 * kSubpixel;
 
 BIGTRI_HD int32_t extent(const int32_t v[3]) { return max_of(max_of(v[0], v[1]), v[2]) - min_of(min_of(v[0], v[1]), v[2]); }
 BIGTRI_HD int32_t extent_of(const Primitive& p) { return max_of(extent(p.x), extent(p.y)); }
@@ -47,4 +48,5 @@ BIGTRI_HD void fill_record(const Primitive& p, int64_t triangle, Record* r, int6
   r->flags = (large ? kRecordLarge : 0) | (is_thin(p.x, p.y, p.area) ? kRecordThin : 0) | (r->zmax > 1.0f ? kRecordFar : 0);
 }
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -4,6 +4,7 @@
 #include "setup.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
 // Records of a parent, with what attributes need.
 template <int kRecords>
@@ -84,4 +85,5 @@ BIGTRI_HD int covering_record(const Parent& p, int32_t x, int32_t y) {
   return -1;
 }
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

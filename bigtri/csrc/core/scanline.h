@@ -4,6 +4,7 @@
 #include "numerics.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
 // floor(n / d) for 0 <= n < 2^52 and 0 < d < 2^52, by a float64 division, several times faster than an integer one on CPU and GPU. Rounding cannot reach an integer m that n / d stays below:
 // it is 1/d away at least, and half a unit of m's last place is m * 2^-53 < 1/d.
@@ -22,4 +23,5 @@ BIGTRI_HD void cut_span(int64_t f, int64_t step, int64_t* lower, int64_t* upper)
   }
 }
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -4,6 +4,7 @@
 #include "clip.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
 // Vertex flags: bits 0-5 outside plane k.
 constexpr uint32_t kOutsideMask = (1u << kPlanes) - 1;
@@ -45,13 +46,13 @@ BIGTRI_HD int32_t clamp_round(double v, int32_t low, int32_t high) {
 
 template <class W>  // double or Divisor
 BIGTRI_HD int32_t snap_x(double x, const W& w, int width) {
-  const int32_t half = 128 * width;
+  const int32_t half = kHalf * width;
   return half + clamp_round(quotient(x, w) * half, -kGuard - half, kGuard - 1 - half);
 }
 
 template <class W>
 BIGTRI_HD int32_t snap_y(double y, const W& w, int height) {
-  const int32_t half = 128 * height;
+  const int32_t half = kHalf * height;
   return half - clamp_round(quotient(y, w) * half, half - kGuard + 1, half + kGuard);
 }
 
@@ -69,8 +70,6 @@ BIGTRI_HD float float_quotient(float z, const Divisor& w) {
   return z / (float)w.value;
 #endif
 }
-
-BIGTRI_HD bool is_finite(float v) { return (float_bits(v) & 0x7f800000u) != 0x7f800000u; }
 
 // Inside the view frustum, whose planes all six clip planes lie outside of or on: most vertices, for seven comparisons. A NaN is not; an infinite w would be.
 BIGTRI_HD bool in_frustum(const float v[4]) {
@@ -107,10 +106,10 @@ BIGTRI_HD bool make_primitive(const int32_t x[3], const int32_t y[3], const floa
   const int32_t min_x = min_of(min_of(x[0], x[1]), x[2]), max_x = max_of(max_of(x[0], x[1]), x[2]);
   const int32_t min_y = min_of(min_of(y[0], y[1]), y[2]), max_y = max_of(max_of(y[0], y[1]), y[2]);
   // The first centre at or after the minimum, and one past the last at or before the maximum; >> is floor.
-  out->x0 = max_of((min_x + 127) >> kSubpixelBits, view.x0);
-  out->y0 = max_of((min_y + 127) >> kSubpixelBits, view.y0);
-  out->x1 = min_of(((max_x - 128) >> kSubpixelBits) + 1, view.x1);
-  out->y1 = min_of(((max_y - 128) >> kSubpixelBits) + 1, view.y1);
+  out->x0 = max_of((min_x + kHalf - 1) >> kSubpixelBits, view.x0);
+  out->y0 = max_of((min_y + kHalf - 1) >> kSubpixelBits, view.y0);
+  out->x1 = min_of(((max_x - kHalf) >> kSubpixelBits) + 1, view.x1);
+  out->y1 = min_of(((max_y - kHalf) >> kSubpixelBits) + 1, view.y1);
   if (out->x0 >= out->x1 || out->y0 >= out->y1) return false;
   // From the vertex with the smallest (X, Y), there is one, in clockwise order.
   int source = 0;
@@ -206,4 +205,5 @@ BIGTRI_HD Fate fate_of(uint32_t a, uint32_t b, uint32_t c) {
   return (any & kOutsideMask) ? Fate::kClip : Fate::kNothing;
 }
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -1,7 +1,7 @@
 // Lambert shading and sRGB encoding; docs/numerics.md 11. Mirrors bigtri/reference/shading.py.
 #pragma once
 
-#include "setup.h"
+#include "platform.h"
 
 namespace bigtri {
 

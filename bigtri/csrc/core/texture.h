@@ -1,7 +1,7 @@
 // Texture sampling; docs/numerics.md 10. Mirrors bigtri/reference/texture.py.
 #pragma once
 
-#include "setup.h"
+#include "platform.h"
 
 namespace bigtri {
 

@@ -4,6 +4,7 @@
 #include "binning.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
 // Bits of the tiles that meet columns [x0, x1) and rows [y0, y1) of the bin (px from its corner, cut to 0..64).
 BIGTRI_HD uint64_t bbox_tiles(int x0, int y0, int x1, int y1) {
@@ -22,4 +23,5 @@ BIGTRI_HD int32_t tile_edge(const NarrowEdge& e, int column, int row) { return e
 BIGTRI_HD int32_t tile_highest(const NarrowEdge& e) { return (kTile - 1) * (max_of(e.sx, 0) + max_of(e.sy, 0)); }
 BIGTRI_HD int32_t tile_lowest(const NarrowEdge& e) { return (kTile - 1) * (min_of(e.sx, 0) + min_of(e.sy, 0)); }
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -1,0 +1,22 @@
+// The rungs of the precision ladder; docs/numerics.md 12. The only file that names them. Mirrors bigtri/precision.py.
+//
+// A rung is a constant of the translation unit, as the instruction set is: what depends on it is compiled once per rung, with BIGTRI_RUNG
+// defined as the rung's name, into an inline namespace of that name. So no function tests for it, and no template argument is handed through.
+#pragma once
+
+namespace bigtri {
+namespace rungs {
+
+struct exact {
+  static constexpr int kSubpixelBits = 8;  // vertices snap to 1/256 px
+};
+
+struct subpixel4 : exact {
+  static constexpr int kSubpixelBits = 4;  // vertices snap to 1/16 px
+};
+
+}  // namespace rungs
+}  // namespace bigtri
+
+// All rungs, the default first.
+#define BIGTRI_RUNGS(X) X(exact) X(subpixel4)
