@@ -9,7 +9,7 @@ of 100 px to one over all of it; and four layers over 1920x1080 of 2 to 100,000 
 * `threshold`: four layers over 1920x1080 of triangles of 10 to 30,000 px, with the bbox above which a triangle is queued from 0
 to 10^9 px: bin_owned's path for many, and the other variants.
 
-A way is a variant, or `bin_owned` kept to one of its paths by `bigtri.native.cuda_tuning`: few, some, many. Time is the
+A way is a variant, or `bin_owned` kept to one of its paths by `bigtri.native.using_parameters`: few, some, many. Time is the
 median of graph replays (cuda_clock.py). A way that takes more than 50 ms is left out of the rest of its curve, and so is one that
 would by its growth. Images are compared with the CPU's up to 2^24 px and 2,000,000 triangles, above that with the first way's.
 
@@ -247,7 +247,7 @@ def settings(way: Way, point: Point, device: torch.device) -> contextlib.Abstrac
     changes = dict(way.tuning)
     if point.threshold is not None:
         changes["threshold"] = point.threshold
-    return native.cuda_tuning(**changes) if changes and device.type == "cuda" else contextlib.nullcontext()
+    return native.using_parameters(**changes) if changes and device.type == "cuda" else contextlib.nullcontext()
 
 
 class Scaling:

@@ -142,7 +142,7 @@ def main() -> int:
                     if time.perf_counter() > end:
                         skipped += 1
                         continue
-                    with native.cuda_tuning(**tuning) if arguments.device == "cuda" else contextlib.nullcontext():
+                    with native.using_parameters(**tuning) if arguments.device == "cuda" else contextlib.nullcontext():
                         seen = bigtri.rasterize(*here, (height, width), variant=variant, depth=depth, **how)
                     bits = int((tensor(seen.packed).cpu() != tensor(expected.packed)).sum())
                     bits += int(seen.dropped != expected.dropped)

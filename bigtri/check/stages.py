@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .. import reference
 from ..ops import arguments
 from ..ops.rasterize import CULLS, check_indices
+from ..precision import DEFAULT, PRECISIONS
 from ..reference.numerics import BIN, GUARD, LARGE_THRESHOLD, MAX_SIZE
 from ..reference.records import Bins, Records
 
@@ -40,6 +41,7 @@ def setup(
     scissor: Scissor | None = None,
     *,
     backend: str = "auto",
+    precision: str = DEFAULT,
 ) -> tuple[Records, int]:
     """Clip, project, snap, orient and cull: positions float32 [V, 4], triangles int32 [T, 3] to records, and the number dropped.
 
@@ -48,6 +50,7 @@ def setup(
     """
     op = "setup"
     chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
     arguments.check_choice(op, "cull", cull, CULLS)
     height, width = arguments.check_image_size(op, "height and width", (height, width))
     box = arguments.check_scissor(op, scissor, height, width)
@@ -56,40 +59,49 @@ def setup(
     check_indices(op, torch.from_numpy(triangles), len(positions))
     if chosen == "reference":
         return reference.setup(positions, triangles, height, width, cull, box)
-    *fields, dropped = _native(op, positions, triangles, height, width, cull, list(box))
+    *fields, dropped = _native(op, positions, triangles, height, width, cull=cull, scissor=list(box), precision=precision)
     return Records(*fields), int(dropped)
 
 
-def binning(records: Records, threshold: int = LARGE_THRESHOLD, *, backend: str = "auto") -> Bins:
+def binning(records: Records, threshold: int = LARGE_THRESHOLD, *, backend: str = "auto", precision: str = DEFAULT) -> Bins:
     """The bins of records with more than ``threshold`` px in their bbox, which of them no edge rejects, and the other records."""
     op = "binning"
     chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
     records = _checked(op, records, "xy", "bbox")
     if chosen == "reference":
         return reference.binning(records, threshold)
-    return Bins(*_native(op, records.xy, records.bbox, threshold))
+    return Bins(*_native(op, records.xy, records.bbox, threshold, precision=precision))
 
 
 def tile_mask(
-    records: Records, queue: NDArray[np.int32], *, backend: str = "auto"
+    records: Records, queue: NDArray[np.int32], *, backend: str = "auto", precision: str = DEFAULT
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """64-bit masks (touched, full), int64 [Q] each, of the queue's entries int32 [Q, 3] (record, bin column, bin row)."""
     op = "tile_mask"
     chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
     records = _checked(op, records, "xy", "bbox")
     queue = _queue(op, queue, records)
     if chosen == "reference":
         return reference.tile_mask(records, queue)
-    touched, full = _native(op, records.xy, records.bbox, queue)
+    touched, full = _native(op, records.xy, records.bbox, queue, precision=precision)
     return touched, full
 
 
 def scanline(
-    records: Records, queue: NDArray[np.int32], touched: NDArray[np.int64], small: NDArray[np.int32], *, backend: str = "auto"
+    records: Records,
+    queue: NDArray[np.int32],
+    touched: NDArray[np.int64],
+    small: NDArray[np.int32],
+    *,
+    backend: str = "auto",
+    precision: str = DEFAULT,
 ) -> NDArray[np.int32]:
     """Spans int32 [S, 4] (record, y, lower, upper): of the queue's touched tiles, then of the small records, int32 [M]."""
     op = "scanline"
     chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
     records = _checked(op, records, "xy", "bbox")
     queue = _queue(op, queue, records)
     touched = _array(op, "touched", touched, torch.int64, "[Q]", rows=len(queue))
@@ -97,18 +109,19 @@ def scanline(
     _within(op, "small", small, 0, len(records.xy) - 1)
     if chosen == "reference":
         return reference.scanline(records, queue, touched, small)
-    return _native(op, records.xy, records.bbox, queue, touched, small)[0]
+    return _native(op, records.xy, records.bbox, queue, touched, small, precision=precision)[0]
 
 
-def depth(records: Records, spans: NDArray[np.int32], *, backend: str = "auto") -> NDArray[np.float32]:
+def depth(records: Records, spans: NDArray[np.int32], *, backend: str = "auto", precision: str = DEFAULT) -> NDArray[np.float32]:
     """Window depth float32 [F] of every pixel of the spans, in their order."""
     op = "depth"
     chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
     records = _checked(op, records, "xy", "z", "area")
     spans = _spans(op, spans, len(records.xy), MAX_SIZE, MAX_SIZE)
     if chosen == "reference":
         return reference.depth(records, spans)
-    return _native(op, records.xy, records.z, records.area, spans)[0]
+    return _native(op, records.xy, records.z, records.area, spans, precision=precision)[0]
 
 
 def visibility(
@@ -128,7 +141,9 @@ def visibility(
         raise ValueError("bigtri.visibility: depth must be +0 or more, got a value that is negative, -0 or NaN")
     if chosen == "reference":
         return reference.visibility(records, spans, depth, height, width)
-    return _native(op, records.triangle, spans, depth, height, width)[0]
+    packed = np.empty((height, width), np.int64)
+    _native(op, records.triangle, spans, depth, out=packed)
+    return packed
 
 
 def _array(
@@ -182,8 +197,13 @@ def _spans(op: str, spans: NDArray[np.int32], records: int, height: int, width: 
     return spans
 
 
-def _native(op: str, *arguments: Any) -> list[NDArray[Any]]:
+def _native(op: str, *given: Any, **named: Any) -> list[NDArray[Any]]:
     """Call torch.ops.bigtri.<op>, NumPy in and out."""
-    tensors = (torch.from_numpy(a) if isinstance(a, np.ndarray) else a for a in arguments)
-    result = getattr(torch.ops.bigtri, op)(*tensors)
+
+    def tensor(value: Any) -> Any:
+        return torch.from_numpy(value) if isinstance(value, np.ndarray) else value
+
+    result = getattr(torch.ops.bigtri, op)(*map(tensor, given), **{name: tensor(value) for name, value in named.items()})
+    if result is None:  # it wrote to an argument
+        return []
     return [t.numpy() for t in (result if isinstance(result, tuple) else (result,))]

@@ -216,6 +216,47 @@ def check_apart(op: str, output_name: str, output: torch.Tensor, **inputs: torch
             raise ValueError(f"bigtri.{op}: {output_name} must not share memory with {name}")
 
 
+def check_output(
+    op: str, out: Array | None, dtype: torch.dtype, shape: tuple[int, ...], device: torch.device, **inputs: torch.Tensor
+) -> torch.Tensor:
+    """New memory for a result, or the caller's ``out``, which must be apart from what is read.
+
+    Raises:
+        TypeError, ValueError: ``out`` is of another dtype, shape or device, or shares memory with an input; the text names it.
+    """
+
+    def wrong(error: type[Exception], also: str = "") -> Exception:
+        wanted = f"{_short(dtype)} {list(shape)}, contiguous, on {device}"
+        return error(f"bigtri.{op}: out must be {wanted}, got {described(out)}{also}")
+
+    if out is None:
+        return torch.empty(shape, dtype=dtype, device=device)
+    # A NumPy array is looked at as it is: torch takes no other byte order and no negative strides.
+    if isinstance(out, np.ndarray):
+        if not out.flags.writeable:
+            raise ValueError(f"bigtri.{op}: out must be writable, got a read-only NumPy array")
+        is_wanted, is_contiguous = out.dtype == np.dtype(_short(dtype)), out.flags.c_contiguous
+    else:
+        check_dense(op, "out", out, dtype, list(shape))
+        is_wanted, is_contiguous = out.dtype == dtype, out.is_contiguous()
+    if not is_wanted:
+        raise wrong(TypeError)
+    if out.shape != shape:
+        raise wrong(ValueError)
+    if not is_contiguous:
+        raise wrong(ValueError, f" with strides {out.strides if isinstance(out, np.ndarray) else out.stride()}")
+    tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) else out
+    if tensor.device != device:
+        raise wrong(ValueError, f" on {tensor.device}")
+    if not torch.compiler.is_compiling():
+        check_own_memory(op, "out", tensor)
+        if tensor.is_neg() or tensor._is_zerotensor():
+            raise wrong(ValueError, ", a negated view" if tensor.is_neg() else ", a zero tensor without memory")
+        check_memory(op, "out", tensor)
+        check_apart(op, "out", tensor, **inputs)
+    return tensor
+
+
 def beside(constant: torch.Tensor, value: torch.Tensor) -> torch.Tensor:
     """``constant``, as a fake tensor where ``value`` is one: torch lets no operator have both kinds."""
     return value.fake_mode.from_tensor(constant) if isinstance(value, FakeTensor) else constant

@@ -14,7 +14,13 @@ WRAPS = ("repeat", "clamp")
 
 
 def sample_texture(
-    texture: Array, uv: ArrayT, *, filter: str = "bilinear", wrap: str = "repeat", backend: str = "auto"
+    texture: Array,
+    uv: ArrayT,
+    *,
+    filter: str = "bilinear",
+    wrap: str = "repeat",
+    backend: str = "auto",
+    out: Array | None = None,
 ) -> ArrayT:
     """Look ``uv`` up in ``texture``, without mipmaps.
 
@@ -24,6 +30,7 @@ def sample_texture(
         filter: "bilinear" or "nearest".
         wrap: what lies beyond [0, 1]: "repeat" or "clamp".
         backend: "auto", "reference" or "native"; the bits are the same.
+        out: float32 [..., C], contiguous, apart from the inputs: written instead of new memory.
 
     Returns:
         float32 [..., C]; NumPy if ``uv`` is NumPy. A uv pair with a NaN or an infinity reads as (0, 0). Never requires grad.
@@ -46,8 +53,10 @@ def sample_texture(
     arguments.check_same_device(op, chosen, uv=coordinates, texture=texels)
 
     flat = coordinates.reshape(-1, 2)
+    shape = (*coordinates.shape[:-1], channels)
+    result = arguments.check_output(op, out, torch.float32, shape, coordinates.device, texture=texels, uv=coordinates)
     if chosen == "native":
-        result = torch.ops.bigtri.sample_texture(texels, flat, filter, wrap)
+        torch.ops.bigtri.sample_texture(texels, flat, filter=filter, wrap=wrap, out=result.view(-1, channels))
     else:
-        result = arguments.on_reference(reference.sample_texture, texels, flat, filter, wrap)
-    return arguments.like(result.reshape(*coordinates.shape[:-1], channels), uv)
+        result.copy_(arguments.on_reference(reference.sample_texture, texels, flat, filter, wrap).view(shape))
+    return arguments.like(result, uv)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..check import stages
 from ..ops.rasterize import Visibility
-from ..reference.numerics import BIN, SUBPIXEL, TILE
+from ..reference.numerics import BIN, LARGE_THRESHOLD, SUBPIXEL, TILE
 from ..reference.records import Records
 from ..reference.shading import encode_srgb
 from ..scene.camera import Camera
@@ -166,9 +166,9 @@ def bins(
     height, width = resolution
     chosen = triangles if triangle is None else triangles[triangle : triangle + 1]
     # A single triangle is shown in bins whatever its size; of a scene, only what the method does bin.
-    threshold = {} if triangle is None else {"threshold": 0}
+    threshold = LARGE_THRESHOLD if triangle is None else 0
     records, _ = stages.setup(positions, chosen, height, width, cull, backend=backend)
-    candidates, kept, small = stages.binning(records, backend=backend, **threshold)
+    candidates, kept, small = stages.binning(records, threshold, backend=backend)
     queue = candidates[kept]
     touched, full = stages.tile_mask(records, queue, backend=backend)
 
