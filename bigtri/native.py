@@ -6,8 +6,6 @@ import importlib
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from contextvars import ContextVar
-from types import MappingProxyType
 from typing import NamedTuple
 
 import torch
@@ -78,6 +76,10 @@ REGISTRY = _registry()
 VARIANTS: dict[str, tuple[str, ...]] = {kind: tuple(rungs[DEFAULT]) for kind, rungs in REGISTRY.items()}
 
 
+# What a variant counts where it is asked to, in the order in which the operator writes the numbers; csrc/core/counters.h.
+COUNTERS: tuple[str, ...] = tuple(torch.ops.bigtri.counters().split(",")) if _load_error is None else ()
+
+
 def available() -> bool:
     """Whether the extension is built and loads."""
     return _load_error is None
@@ -123,12 +125,12 @@ def using_isa(name: str) -> Iterator[None]:
         set_isa(before)
 
 
-_parameters: ContextVar[Mapping[str, int]] = ContextVar("bigtri.native.parameters", default=MappingProxyType({}))
+_parameters: dict[str, int] = {}  # that using_parameters has set
 
 
 @contextmanager
 def using_parameters(**values: int) -> Iterator[None]:
-    """Set parameters of variants for the calls within a with block, in this thread or task: for those variants that have them.
+    """Set parameters of variants for the length of a with block, in the whole process: for those variants that have them.
 
     Raises:
         RuntimeError: the extension is not built.
@@ -144,11 +146,13 @@ def using_parameters(**values: int) -> Iterator[None]:
             raise TypeError(f"bigtri.native.using_parameters: parameters are {', '.join(names)}, got {name}")
         if not any(_allows(parameter, value) for parameter in known):
             raise ValueError(f"bigtri.native.using_parameters: {name} must be {known[0].allowed()}, got {value!r}")
-    token = _parameters.set({**_parameters.get(), **values})
+    before = dict(_parameters)
+    _parameters.update(values)
     try:
         yield
     finally:
-        _parameters.reset(token)
+        _parameters.clear()
+        _parameters.update(before)
 
 
 def _allows(parameter: Parameter, value: object) -> bool:
@@ -163,8 +167,7 @@ def parameter_values(op: str, variant: Variant, given: Mapping[str, int] | None)
     Raises:
         ValueError: the variant has no such parameter, or it does not allow the value.
     """
-    around = _parameters.get()
-    if not given and not around:
+    if not given and not _parameters:
         return []
     given = given or {}
     for name, value in given.items():
@@ -174,7 +177,7 @@ def parameter_values(op: str, variant: Variant, given: Mapping[str, int] | None)
         if not _allows(variant.parameters[name], value):
             allowed = variant.parameters[name].allowed()
             raise ValueError(f"bigtri.{op}: parameter {name} of variant {variant.name!r} must be {allowed}, got {value!r}")
-    return [int(given.get(p.name, around.get(p.name, p.standard))) for p in variant.parameters.values()]
+    return [int(given.get(p.name, _parameters.get(p.name, p.standard))) for p in variant.parameters.values()]
 
 
 if available() and (wanted := os.environ.get("BIGTRI_ISA")) and wanted not in isa_levels():

@@ -18,7 +18,7 @@ Result = Callable[[dict[str, Any]], Any]
 
 
 class _Operator(NamedTuple):
-    dimensions: dict[str, int | None]  # of each tensor, in the schema's order; None: any number
+    dimensions: dict[str, int | str | None]  # of each tensor, in the schema's order; None: any number; a name: as that one
     result: Result = lambda _: None  # operators that write to an argument return nothing
     anywhere: tuple[str, ...] = ()  # tensors that may also be on the CPU, wherever the others are
 
@@ -62,7 +62,7 @@ OPERATORS: dict[str, _Operator] = {
     "barycentrics": _Operator({**_READ, "out": 4}),
     "sample_texture": _Operator({"texture": 3, "uv": 2, "out": 2}),
     "lambert": _Operator({"normals": 2, "albedo": 2, "ambient": 1, "light_directions": 2, "light_colors": 2, "out": 2}),
-    "encode_srgb": _Operator({"linear": None, "thresholds": 1, "out": None}, anywhere=("thresholds",)),
+    "encode_srgb": _Operator({"linear": None, "thresholds": 1, "out": "linear"}, anywhere=("thresholds",)),
 }
 
 
@@ -78,6 +78,7 @@ def _fake(name: str, names: list[str], *given: Any, **named: Any) -> Any:
     first, reference = next(iter(tensors.items()))
     for key, value in tensors.items():
         wanted = operator.dimensions[key]
+        wanted = tensors[wanted].ndim if isinstance(wanted, str) else wanted
         if wanted is not None and value.ndim != wanted:
             raise RuntimeError(f"bigtri::{name}: {key} must have {wanted} dimensions, got {list(value.shape)}")
         if value.device != reference.device and not (key in operator.anywhere and value.device.type == "cpu"):

@@ -155,9 +155,10 @@ def test_a_difference_is_named(monkeypatch):
             if name != self.op:
                 return getattr(real, name)
 
-            def call(*arguments):
-                result = getattr(real, name)(*arguments)
-                tensors = (arguments[7],) if name == "rasterize" else result if isinstance(result, tuple) else (result,)
+            def call(*arguments, **named):
+                result = getattr(real, name)(*arguments, **named)
+                written = named.get("packed", named.get("out"))
+                tensors = (written,) if written is not None else result if isinstance(result, tuple) else (result,)
                 flat = tensors[self.output].view(-1)
                 flat.view(torch.uint8)[(flat.numel() // 2) * flat.element_size()] ^= 1 << self.bit
                 return result
