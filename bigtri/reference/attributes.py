@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
 from .numerics import BACKGROUND, edge_values, edges_of
 from .records import Records
 from .resolve import resolve
@@ -22,6 +23,7 @@ class _Covered(NamedTuple):
     weight: NDArray[np.float32]  # [P, 3], perspective-correct weight of slot 0, 1, 2
 
 
+@default_float_mode
 def barycentrics(
     packed: NDArray[np.int64],
     positions: NDArray[np.float32],
@@ -45,6 +47,7 @@ def barycentrics(
     return result.reshape(*packed.shape, 3)
 
 
+@default_float_mode
 def interpolate(
     packed: NDArray[np.int64],
     positions: NDArray[np.float32],

@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
 from .numerics import BIN, LARGE_THRESHOLD, edges_of, ramp, rise, stepped_values
 from .records import Bins, Records
 
 
+@default_float_mode
 def binning(records: Records, threshold: int = LARGE_THRESHOLD, arithmetic: Arithmetic = EXACT) -> Bins:
     """Lists the bins of every large record's bbox and keeps those that no edge rejects.
 

@@ -1,6 +1,6 @@
 """The oracle's oracle: one triangle and one pixel at a time, in Python's own integers, fractions and floats.
 
-It shares no code with the other stages, on purpose, and goes another way wherever the specification allows one:
+It shares no formula with the other stages, on purpose, and goes another way wherever the specification allows one:
 
 * ``records`` follows docs/numerics.md section 2 step by step. Snapping and clipping are *defined* by their float64 operations,
   so an exact rational result would be a wrong one; Python's floats are float64 and round every operation once.
@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
 
 Vector = tuple[float, ...]
 Point = tuple[int, int]
@@ -53,6 +54,7 @@ class _Vertex(NamedTuple):
 # --- Setup -------------------------------------------------------------------------------------------------------------------
 
 
+@default_float_mode
 def records(
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],
@@ -312,6 +314,7 @@ def exact_depth(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT
     return Fraction(sum(e * Fraction(z) for e, z in zip(values, record.z, strict=True))) / record.area
 
 
+@default_float_mode
 def depth(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> float:
     """The float32 that docs/numerics.md section 7 gives pixel (px, py), one operation after the other."""
     perimeter = sum(abs(x - u) + abs(y - v) for (x, y), (u, v) in zip(record.xy, record.xy[1:] + record.xy[:1], strict=True))
@@ -342,6 +345,7 @@ def _weighted(record: Record, g: Sequence[int]) -> float:
 # --- The visibility buffer ---------------------------------------------------------------------------------------------------
 
 
+@default_float_mode
 def rasterize(
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],

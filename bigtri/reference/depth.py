@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
 from .numerics import BIN, THIN_RATIO, Edges, edge_values, edges_of, ramp
 from .records import Records
 
@@ -31,6 +32,7 @@ class _Planes(NamedTuple):
     dy: NDArray[np.float64]  # [C], per px
 
 
+@default_float_mode
 def depth(records: Records, spans: NDArray[np.int32], arithmetic: Arithmetic = EXACT) -> NDArray[np.float32]:
     """Window depth of every covered pixel.
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..precision import EXACT, Arithmetic
 from .binning import bbox_bins, binning
 from .depth import depth
+from .float_mode import default_float_mode
 from .numerics import BIN, LARGE_THRESHOLD
 from .records import Records
 from .scanline import scanline
@@ -24,6 +25,7 @@ _ROWS = 1 << 16
 _FRAGMENTS = 1 << 18
 
 
+@default_float_mode
 def rasterize(
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
 from .numerics import BACKGROUND, edges_of, stepped_values
 from .records import Records
 from .setup import setup
@@ -13,6 +14,7 @@ from .setup import setup
 _CHUNK = 1 << 18  # px looked at in one go; bounds the memory to some 100 MB
 
 
+@default_float_mode
 def resolve(
     packed: NDArray[np.int64],
     positions: NDArray[np.float32],

@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
 from .numerics import BIN, TILE, TILES, edges_of, ramp, stepped_values
 from .records import Records
 
 
+@default_float_mode
 def scanline(
     records: Records,
     queue: NDArray[np.int32],

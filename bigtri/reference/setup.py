@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
 from .clip import NEAR, X_HIGH, X_LOW, Y_HIGH, Y_LOW, Polygons, W, X, Y, Z, clip, clip_planes
+from .float_mode import default_float_mode
 from .numerics import ramp
 from .records import Records
 
@@ -27,6 +28,7 @@ class _Snapped(NamedTuple):
     clipped: NDArray[np.bool_]  # [N]
 
 
+@default_float_mode
 def setup(
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],

@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
 from .numerics import BIN, TILE, TILES, edges_of, fall, rise, stepped_values
 from .records import Records
 
 
+@default_float_mode
 def tile_mask(
     records: Records, queue: NDArray[np.int32], arithmetic: Arithmetic = EXACT
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -76,7 +76,7 @@ def test_clipping_moves_no_edge_by_more_than_a_subpixel(rung: Arithmetic) -> Non
     """Triangle by triangle against its true projection; only centres within 1 subpx of its border may differ."""
     height, width = 10, 14
     certain = clipped = 0
-    for corners in random_corners("clipped", 300).astype(np.float32):
+    for corners in random_corners("clipped", 120).astype(np.float32):
         corners[:, 2] = np.minimum(corners[:, 2], corners[:, 3])  # the far plane is cut by depth, not here
         packed, _ = rasterize(*soup(corners[None]), height, width, arithmetic=rung)
         outline = brute_force.outline(corners.tolist(), height, width)
@@ -85,7 +85,7 @@ def test_clipping_moves_no_edge_by_more_than_a_subpixel(rung: Arithmetic) -> Non
         assert drawn[side == 1].all() and not drawn[side == -1].any()
         certain += (side == 1).sum()
         clipped += setup(*soup(corners[None]), height, width, arithmetic=rung)[0].clipped.any()
-    assert certain > 2000 and clipped > 25
+    assert certain > 1000 and clipped > 15
 
 
 @RUNG
