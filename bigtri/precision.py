@@ -1,4 +1,4 @@
-"""The rungs of the precision ladder; docs/numerics.md 12. Mirrors bigtri/csrc/core/precision.h, which a test keeps equal."""
+"""The rungs of the precision ladder: the arithmetic that each of them fixes; docs/numerics.md, section 12."""
 
 from __future__ import annotations
 
@@ -7,36 +7,33 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """How exactly one rung computes.
+    """One rung: the numbers that decide its bits. "subpx", the unit of snapped coordinates, is 2^-subpixel_bits px.
 
-    Attributes:
-        name: of the rung.
-        subpixel_bits: vertices snap to 2^-subpixel_bits px.
+    Every proof about the widths of integers is made for 8 sub-pixel bits; fewer bits make every integer shorter.
     """
 
     name: str
-    subpixel_bits: int
+    subpixel_bits: int  # 1 to 8
 
     @property
     def subpixel(self) -> int:
-        """Sub-pixel units (subpx) a pixel."""
+        """Subpx per px."""
         return 1 << self.subpixel_bits
 
     @property
     def half(self) -> int:
-        """Half a pixel, subpx: a pixel's centre lies so far into it."""
+        """How far a pixel's centre lies from its left and upper borders, subpx."""
         return self.subpixel // 2
 
     @property
     def guard(self) -> int:
-        """Snapped coordinates lie in [-guard, guard - 1] subpx, 2^15 px to either side of the screen's corner."""
+        """Snapped coordinates lie in [-guard, guard - 1] subpx: 2^15 px to either side of the upper left corner."""
         return 1 << (15 + self.subpixel_bits)
 
 
-EXACT = Arithmetic("exact", 8)
-SUBPIXEL4 = Arithmetic("subpixel4", 4)
+EXACT = Arithmetic("exact", subpixel_bits=8)
+SUBPIXEL4 = Arithmetic("subpixel4", subpixel_bits=4)
 
-# By name, the default first.
 RUNGS = {rung.name: rung for rung in (EXACT, SUBPIXEL4)}
 PRECISIONS = tuple(RUNGS)
-DEFAULT = PRECISIONS[0]
+DEFAULT = EXACT.name
