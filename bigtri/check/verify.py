@@ -22,15 +22,14 @@ from ..ops.interpolate import barycentrics
 from ..ops.rasterize import CULLS, rasterize
 from ..reference.numerics import LARGE_THRESHOLD
 from ..reference.records import Bins, Records
-from . import differences as find
+from . import sentences
 from . import stages as one_stage
-from .differences import Difference, same_bits
+from .sentences import Difference, same_bits
 
-__all__ = ["Difference", "Differences", "compare", "differences", "first_difference", "packed_differences", "same_bits"]
+__all__ = ["Difference", "Differences", "compare", "differences", "first_difference", "same_bits"]
 
 Scissor = tuple[int, int, int, int]
 Stage = Callable[..., Any]
-packed_differences = find.packed
 
 # What each stage hands out: name, dtype and shape.
 _OUTPUTS: dict[str, dict[str, tuple[str, tuple[str | int, ...]]]] = {
@@ -179,31 +178,31 @@ class _Run(NamedTuple):
         (*fields, dropped), got = self._both("setup", scene)
         records = Records(*fields)
         if got:
-            yield from find.setup(records, Records(*got[:-1]))
-            yield from find.dropped("setup", int(dropped), int(got[-1]))
+            yield from sentences.setup(records, Records(*got[:-1]))
+            yield from sentences.dropped("setup", int(dropped), int(got[-1]))
 
         fields, got = self._both("binning", (records, self.threshold))
         bins = Bins(*fields)
         if got:
-            yield from find.binning(records, self.threshold, bins, Bins(*got))
+            yield from sentences.binning(records, self.threshold, bins, Bins(*got))
 
         queue = bins.candidates[bins.kept]
         (touched, full), got = self._both("tile_mask", (records, queue), Q=len(queue))
         if got:
-            yield from find.tile_mask(records, queue, (touched, full), (got[0], got[1]))
+            yield from sentences.tile_mask(records, queue, (touched, full), (got[0], got[1]))
 
         (spans,), got = self._both("scanline", (records, queue, touched, bins.small))
         if got:
-            yield from find.scanline(records, spans, got[0])
+            yield from sentences.scanline(records, spans, got[0])
 
         pixels = int((spans[:, 3] - spans[:, 2]).sum(dtype=np.int64))
         (z,), got = self._both("depth", (records, spans), F=pixels)
         if got:
-            yield from find.depth(records, spans, z, got[0])
+            yield from sentences.depth(records, spans, z, got[0])
 
         (packed,), got = self._both("visibility", (records, spans, z, self.height, self.width), **size)
         if got:
-            yield from find.packed("visibility", packed, got[0])
+            yield from sentences.packed("visibility", packed, got[0])
 
     def _whole(self, stages_agree: bool) -> Iterator[Difference]:
         """The pipeline from end to end, and the attributes of what the reference drew."""
@@ -213,14 +212,14 @@ class _Run(NamedTuple):
         seen = expected[0]
         if got:
             blame = self._blame() if stages_agree else ""
-            found = [find.packed("rasterize", seen, got[0]), find.dropped("rasterize", int(expected[1]), int(got[1]))]
+            found = [sentences.packed("rasterize", seen, got[0]), sentences.dropped("rasterize", int(expected[1]), int(got[1]))]
             if len(got) > 2:
-                found.append(find.depth_image(expected[2], seen, got[2]))
+                found.append(sentences.depth_image(expected[2], seen, got[2]))
             for difference in itertools.chain(*found):
                 yield difference._replace(sentence=difference.sentence + blame)
         expected, got = self._both("attributes", (seen, self.positions, self.triangles), **size)
         if got:
-            yield from find.attributes(seen, expected[0], got[0])
+            yield from sentences.attributes(seen, expected[0], got[0])
 
     def _both(self, stage: str, given: tuple[Any, ...], **sizes: int) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
         """The reference's outputs of a stage, and those that are compared with them: none where there is nothing to compare.
@@ -283,9 +282,9 @@ def _outputs(stage: str, result: Any, sizes: dict[str, int]) -> list[NDArray[Any
     wanted = _OUTPUTS[stage]
     values = _flat(stage, result)
     for (name, (dtype, shape)), value in zip(wanted.items(), values, strict=True):
-        fixed = "".join(f", {size} = {sizes[size]}" for size in shape if isinstance(size, str) and size in sizes)
-        text = f"bigtri.verify: stage {stage} must return {name} as {dtype} [{', '.join(map(str, shape))}]{fixed}, "
-        text += f"got {arguments.described(value)}"
+        fixed = " and ".join(f"{size} = {sizes[size]}" for size in shape if size in sizes)
+        form = f"{dtype} [{', '.join(map(str, shape))}]" + (f" with {fixed}" if fixed else "")
+        text = f"bigtri.verify: stage {stage} must return {name} as {form}, got {arguments.described(value)}"
         if not isinstance(value, np.ndarray) or value.dtype != dtype:
             raise TypeError(text)
         if value.ndim != len(shape) or any(

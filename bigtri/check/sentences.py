@@ -81,7 +81,7 @@ def setup(a: Records, b: Records) -> Iterator[Difference]:
 def dropped(stage: str, expected: int, got: int) -> Iterator[Difference]:
     """The number of triangles that are not finite."""
     if expected != got:
-        yield Difference(stage, "dropped", expected, got, f"{got} triangles dropped, {expected} expected")
+        yield Difference(stage, "dropped", expected, got, f"{got} triangle{'s' * (got != 1)} dropped, {expected} expected")
 
 
 def binning(records: Records, threshold: int, a: Bins, b: Bins) -> Iterator[Difference]:
@@ -90,7 +90,8 @@ def binning(records: Records, threshold: int, a: Bins, b: Bins) -> Iterator[Diff
         return
     small, wanted, came, *_ = _counted(a.small, b.small)
     for k in np.flatnonzero(wanted != came):
-        record, expected, got = int(small[k]), _times("small", int(wanted[k])), _times("small", int(came[k]))
+        counts = (int(wanted[k]), int(came[k]))
+        record, (expected, got) = int(small[k]), (_times("small", count, max(counts) > 1) for count in counts)
         place = name_of(records, record)
         if (triangle := _parent(records, record)) is not None:
             place += f", with {bbox_pixels(records)[record]} px of bbox at a threshold of {threshold}"
@@ -102,7 +103,8 @@ def binning(records: Records, threshold: int, a: Bins, b: Bins) -> Iterator[Diff
     came_kept = np.bincount(of_b[b.kept], minlength=len(bins))
     for k in np.flatnonzero((wanted != came) | (wanted_kept != came_kept)):
         record, row, column = (int(v) for v in bins[k])
-        expected, got = _listed(int(wanted[k]), int(wanted_kept[k])), _listed(int(came[k]), int(came_kept[k]))
+        once = max(wanted[k], came[k]) > 1
+        expected, got = (_listed(int(n[k]), int(of[k]), once) for n, of in ((wanted, wanted_kept), (came, came_kept)))
         words = f"{name_of(records, record)}, bin {(column, row)}: {got}, {expected} expected"
         what = "kept" if wanted[k] == came[k] else "candidates"
         yield Difference("binning", what, expected, got, words, _parent(records, record), (column, row))
@@ -134,8 +136,8 @@ def scanline(records: Records, a: NDArray[np.int32], b: NDArray[np.int32]) -> It
         first, last = (int(lower[k]), int(y[k])), (int(upper[k]) - 1, int(y[k]))
         expected, got, who = int(wanted[k]), int(came[k]), int(record[k])
         place = f"pixel {first}" if first == last else f"pixels {first} to {last}"
-        once = max(expected, got) > 1
-        words = f"{place}: {_covered(got, once)} by {name_of(records, who)}, {_covered(expected, once)} expected"
+        ours, theirs = (_times("covered", count, max(expected, got) > 1) for count in (expected, got))
+        words = f"{place}: {theirs} by {name_of(records, who)}, {ours} expected"
         yield _at_pixel("scanline", "spans", expected, got, words, _parent(records, who), first)
 
 
@@ -182,7 +184,7 @@ def name_of(records: Records, record: int) -> str:
     """The parent of a record, and which part of it the record is where it was cut into several."""
     triangle = _parent(records, record)
     if triangle is None:
-        return f"record {record}, which is none of {len(records.triangle)},"
+        return f"record {record} (there are {len(records.triangle)})"
     first, end = (int(np.searchsorted(records.triangle, triangle, side)) for side in ("left", "right"))
     return f"triangle {triangle}" + (f" (part {record - first + 1} of {end - first})" if end - first > 1 else "")
 
@@ -206,11 +208,22 @@ def _equal(a: NDArray[Any], b: NDArray[Any]) -> bool:
 
 
 def _counted(a: NDArray[Any], b: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-    """The different rows [K, ...] of two arrays, sorted; how often each stands in a and in b, [K] each; and its place in them of
-    every row of a and of b."""
-    rows, place = np.unique(np.concatenate([a, b]), axis=0, return_inverse=True)
-    of_a, of_b = np.split(place.reshape(-1), [len(a)])
+    """The different rows [K, ...] of two arrays, how often each stands in a and in b, [K], and which of them each row is."""
+    rows, place = _unique(np.concatenate([a, b]))
+    of_a, of_b = np.split(place, [len(a)])
     return rows, np.bincount(of_a, minlength=len(rows)), np.bincount(of_b, minlength=len(rows)), of_a, of_b
+
+
+def _unique(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """The different rows of [N] or [N, D], sorted, and which of them each row is. np.unique takes minutes for millions."""
+    columns = values.reshape(len(values), values.shape[1] if values.ndim > 1 else 1)
+    order = np.lexsort(columns.T[::-1])
+    ordered = columns[order]
+    new = np.ones(len(ordered), np.bool_)
+    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    place = np.empty(len(ordered), np.int64)
+    place[order] = np.cumsum(new) - 1
+    return values[order[new]], place
 
 
 def _coverage(a: NDArray[np.int32], b: NDArray[np.int32]) -> tuple[NDArray[np.int64], ...]:
@@ -218,9 +231,9 @@ def _coverage(a: NDArray[np.int32], b: NDArray[np.int32]) -> tuple[NDArray[np.in
     spans = np.concatenate([a, b]).astype(np.int64)
     step = np.repeat(np.eye(2, dtype=np.int64), [len(a), len(b)], axis=0)  # [S, 2]: of which side the span is
     ends = np.concatenate([spans[:, [0, 1, 2]], spans[:, [0, 1, 3]]])
-    places, at = np.unique(ends, axis=0, return_inverse=True)
+    places, at = _unique(ends)
     change = np.zeros((len(places), 2), np.int64)
-    np.add.at(change, at.reshape(-1), np.concatenate([step, -step]))
+    np.add.at(change, at, np.concatenate([step, -step]))
     # Where a span ends and another of the same side begins, nothing changes: such pieces become one.
     changes = change.any(axis=1)
     record, y, x = places[changes].T
@@ -273,7 +286,7 @@ def _fragment(value: int) -> str:
         return "background"
     z = np.array(value >> 32, np.int32).view(np.float32)[()]
     if not z >= 0 or np.signbit(z) or value & 0x80000000:
-        return f"{value & (2**64 - 1):#018x}, neither a triangle with a depth nor the background"
+        return f"{value & (2**64 - 1):#018x} (no triangle with a depth)"
     return f"triangle {value & 0xFFFFFFFF} at depth {text_of(z)}"
 
 
@@ -281,23 +294,19 @@ def _records(count: int) -> str:
     return {0: "no record", 1: "1 record"}.get(count, f"{count} records")
 
 
-def _times(word: str, count: int) -> str:
-    return {0: f"not {word}", 1: word, 2: f"{word} twice"}.get(count, f"{word} {count} times")
+def _times(word: str, count: int, once: bool) -> str:
+    """``once``: whether to say so of a count of 1, because the other count is higher."""
+    return {0: f"not {word}", 1: f"{word} once" if once else word, 2: f"{word} twice"}.get(count, f"{word} {count} times")
 
 
-def _listed(candidates: int, kept: int) -> str:
+def _listed(candidates: int, kept: int, once: bool) -> str:
     """What a record's bin is, listed so many times and kept in so many of them."""
     if not candidates:
         return "not a candidate"
     if 0 < kept < candidates:
-        return f"{_times('kept', kept)} and {_times('rejected', candidates - kept)}"
-    return _times("kept" if kept else "rejected", candidates)
+        return f"{_times('kept', kept, once)} and {_times('rejected', candidates - kept, once)}"
+    return _times("kept" if kept else "rejected", candidates, once)
 
 
 def _tile_state(touched: int, full: int) -> str:
-    return ("full" if touched else "full, though not touched") if full else ("touched" if touched else "not touched")
-
-
-def _covered(count: int, once: bool) -> str:
-    """``once``: whether to say so of a count of 1."""
-    return "covered once" if count == 1 and once else _times("covered", count)
+    return ("full" if touched else "full but not touched") if full else ("touched" if touched else "not touched")
