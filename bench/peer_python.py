@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bigtri.study import benchmark, scenes
+from bigtri.study.clock import clock
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px, half-open
 Inside = Callable[[NDArray[np.float64], Box], NDArray[np.bool_]]  # corners [3, 2] px, box -> mask of the box's pixels
@@ -93,7 +94,7 @@ class PythonPeer:
         self.packed = np.empty((height, width), np.int64)
 
     def frames(self, count: int) -> list[float]:
-        return benchmark.clock(lambda: draw(self.pixels, self.packed, self.inside), 0, warm=0, at_least=count)
+        return clock(lambda: draw(self.pixels, self.packed, self.inside), 0, warm=0, at_least=count)
 
     def ids(self) -> NDArray[np.int32]:
         """int32 [H, W], -1 where there is no triangle."""

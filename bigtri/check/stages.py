@@ -13,8 +13,9 @@ import torch
 from numpy.typing import NDArray
 
 from .. import reference
+from ..choices import CULLS
 from ..ops import arguments
-from ..ops.rasterize import CULLS, check_indices
+from ..ops.rasterize import check_indices
 from ..reference.numerics import BIN, GUARD, LARGE_THRESHOLD, MAX_SIZE
 from ..reference.records import Bins, Records
 

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 
 from .. import native
+from ..choices import CULLS
 from ..reference import pipeline
 from . import arguments
 from .arguments import Array
 
-CULLS = ("none", "back", "front")
 PRECISIONS = ("exact",)
 # packed is (depth bits << 32) | triangle: the low half of each int64 is the triangle, and -1 on the background.
 _LOW_HALF = 0 if sys.byteorder == "little" else 1
