@@ -15,6 +15,7 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
+from bigtri.reference.numerics import BACKGROUND
 from bigtri.study import benchmark, scenes
 from bigtri.study.clock import clock
 
@@ -67,7 +68,7 @@ def available(way: str) -> bool:
 def draw(pixels: NDArray[np.float64], packed: NDArray[np.int64], inside: Inside) -> None:
     """A frame: triangles [T, 3, 3] in pixel space into packed [H, W]."""
     height, width = packed.shape
-    packed.fill(benchmark.BACKGROUND)
+    packed.fill(BACKGROUND)
     for index, triangle in enumerate(pixels):
         (x0, y0), (x1, y1) = np.floor(triangle[:, :2].min(axis=0)), np.ceil(triangle[:, :2].max(axis=0))
         box = max(int(x0), 0), max(int(y0), 0), min(int(x1), width), min(int(y1), height)
