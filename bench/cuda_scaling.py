@@ -36,7 +36,9 @@ import torch
 from cuda_clock import Clock, Machine, text_of
 
 from bigtri import native
+from bigtri.app import arguments as option_types
 from bigtri.study import benchmark, scenes
+from bigtri.study.clock import summary
 from bigtri.study.scenes import layers_of
 
 WIDTH, HEIGHT = 1920, 1080  # px, where a curve does not vary them
@@ -309,7 +311,7 @@ class Scaling:
         return self.memset_us.get(stage.size)
 
     def row(self, point: Point, way: Way, count: int, us: list[float], wrong: int, against: str, memset: float | None) -> Row:
-        timing = benchmark.summary(us)
+        timing = summary(us)
         return Row(
             curve=point.curve,
             kind=point.kind,
@@ -385,7 +387,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--most", type=int, default=10_000_000, help="triangles of the largest scene (default ten million)")
     parser.add_argument("--seconds", type=float, default=0.03, help="time for each figure (default 0.03)")
     parser.add_argument("--total", type=float, default=150, help="s for all, shared out among the curves (default 150)")
-    parser.add_argument("--csv", metavar="FILE", type=benchmark.csv_file, help="write the rows there")
+    parser.add_argument("--csv", metavar="FILE", type=option_types.csv_file, help="write the rows there")
     parser.add_argument("--dry-run", action="store_true", help="on the CPU by the host's clock: does it run?")
     arguments = parser.parse_args(argv)
     started = time.perf_counter()

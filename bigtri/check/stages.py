@@ -13,9 +13,10 @@ import torch
 from numpy.typing import NDArray
 
 from .. import reference
+from ..choices import CULLS
 from ..ops import arguments
-from ..ops.rasterize import CULLS, check_indices
-from ..precision import DEFAULT, PRECISIONS, RUNGS, Arithmetic
+from ..ops.rasterize import check_indices
+from ..precision import DEFAULT, PRECISIONS, RUNGS
 from ..reference.numerics import BIN, LARGE_THRESHOLD, MAX_SIZE
 from ..reference.records import Bins, Records
 
@@ -25,7 +26,7 @@ _INFINITY = 0x7F800000  # as the bits of a float32; above it are NaN
 # Of the records' fields that a stage reads: type, shape, the sizes behind N, and between what they must lie.
 _FIELDS: dict[str, tuple[torch.dtype, str, tuple[int, ...], tuple[int, int] | None]] = {
     "triangle": (torch.int32, "[N]", (), (0, 2**31 - 1)),
-    "xy": (torch.int32, "[N, 3, 2]", (3, 2), (-EXACT.guard, EXACT.guard - 1)),
+    "xy": (torch.int32, "[N, 3, 2]", (3, 2), None),
     "z": (torch.float32, "[N, 3]", (3,), None),
     "area": (torch.int64, "[N]", (), (1, 2**63 - 1)),
     "bbox": (torch.int32, "[N, 4]", (4,), (0, MAX_SIZE)),
@@ -58,7 +59,7 @@ def setup(
     triangles = _array(op, "triangles", triangles, torch.int32, "[T, 3]", 3)
     check_indices(op, torch.from_numpy(triangles), len(positions))
     if chosen == "reference":
-        return reference.setup(positions, triangles, height, width, cull, box)
+        return reference.setup(positions, triangles, height, width, cull, box, RUNGS[precision])
     *fields, dropped = _native(op, positions, triangles, height, width, cull=cull, scissor=list(box), precision=precision)
     return Records(*fields), int(dropped)
 
@@ -68,9 +69,9 @@ def binning(records: Records, threshold: int = LARGE_THRESHOLD, *, backend: str 
     op = "binning"
     chosen = arguments.choose_backend(op, backend)
     arguments.check_choice(op, "precision", precision, PRECISIONS)
-    records = _checked(op, records, "xy", "bbox")
+    records = _checked(op, precision, records, "xy", "bbox")
     if chosen == "reference":
-        return reference.binning(records, threshold)
+        return reference.binning(records, threshold, RUNGS[precision])
     return Bins(*_native(op, records.xy, records.bbox, threshold, precision=precision))
 
 
@@ -81,10 +82,10 @@ def tile_mask(
     op = "tile_mask"
     chosen = arguments.choose_backend(op, backend)
     arguments.check_choice(op, "precision", precision, PRECISIONS)
-    records = _checked(op, records, "xy", "bbox")
+    records = _checked(op, precision, records, "xy", "bbox")
     queue = _queue(op, queue, records)
     if chosen == "reference":
-        return reference.tile_mask(records, queue)
+        return reference.tile_mask(records, queue, RUNGS[precision])
     touched, full = _native(op, records.xy, records.bbox, queue, precision=precision)
     return touched, full
 
@@ -102,13 +103,13 @@ def scanline(
     op = "scanline"
     chosen = arguments.choose_backend(op, backend)
     arguments.check_choice(op, "precision", precision, PRECISIONS)
-    records = _checked(op, records, "xy", "bbox")
+    records = _checked(op, precision, records, "xy", "bbox")
     queue = _queue(op, queue, records)
     touched = _array(op, "touched", touched, torch.int64, "[Q]", rows=len(queue))
     small = _array(op, "small", small, torch.int32, "[M]")
     _within(op, "small", small, 0, len(records.xy) - 1)
     if chosen == "reference":
-        return reference.scanline(records, queue, touched, small)
+        return reference.scanline(records, queue, touched, small, RUNGS[precision])
     return _native(op, records.xy, records.bbox, queue, touched, small, precision=precision)[0]
 
 
@@ -117,10 +118,10 @@ def depth(records: Records, spans: NDArray[np.int32], *, backend: str = "auto", 
     op = "depth"
     chosen = arguments.choose_backend(op, backend)
     arguments.check_choice(op, "precision", precision, PRECISIONS)
-    records = _checked(op, records, "xy", "z", "area")
+    records = _checked(op, precision, records, "xy", "z", "area")
     spans = _spans(op, spans, len(records.xy), MAX_SIZE, MAX_SIZE)
     if chosen == "reference":
-        return reference.depth(records, spans)
+        return reference.depth(records, spans, RUNGS[precision])
     return _native(op, records.xy, records.z, records.area, spans, precision=precision)[0]
 
 
@@ -131,7 +132,7 @@ def visibility(
     op = "visibility"
     chosen = arguments.choose_backend(op, backend)
     height, width = arguments.check_image_size(op, "height and width", (height, width))
-    records = _checked(op, records, "triangle")
+    records = _checked(op, DEFAULT, records, "triangle")
     spans = _spans(op, spans, len(records.triangle), height, width)
     pixels = int((spans[:, 3] - spans[:, 2]).sum(dtype=np.int64))
     depth = _array(op, "depth", depth, torch.float32, "[F]", rows=pixels)
@@ -164,12 +165,15 @@ def _within(op: str, name: str, values: NDArray[Any], low: int, high: int) -> No
         raise ValueError(f"bigtri.{op}: {name} must lie in {low} to {high}, got {values.min()} to {values.max()}")
 
 
-def _checked(op: str, records: Records, *names: str) -> Records:
+def _checked(op: str, precision: str, records: Records, *names: str) -> Records:
     """``records`` with the named fields checked, of which the first says how many there are."""
+    guard = RUNGS[precision].guard
     rows = None
     for name in names:
         dtype, shape, sizes, bounds = _FIELDS[name]
         values = _array(op, name, getattr(records, name), dtype, shape, *sizes, rows=rows)
+        if name == "xy":
+            bounds = -guard, guard - 1
         if bounds:
             _within(op, name, values, *bounds)
         rows = len(values)

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from torch._subclasses import FakeTensor
 
 from .. import native
+from ..choices import BACKENDS
 from ..reference.numerics import MAX_SIZE
 
 Array: TypeAlias = "torch.Tensor | NDArray[Any]"
 ArrayT = TypeVar("ArrayT", torch.Tensor, NDArray[Any])
-BACKENDS = ("auto", "reference", "native")
 
 
 def choose_backend(op: str, backend: str) -> str:

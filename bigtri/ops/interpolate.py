@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from ..precision import DEFAULT, PRECISIONS
+from ..precision import DEFAULT, PRECISIONS, RUNGS
 from ..reference import attributes as reference
 from ..reference.numerics import MAX_SIZE
 from . import arguments
@@ -65,7 +65,7 @@ def interpolate(
         check_indices(op, faces, clip.shape[1])
         values = values.expand(packed.shape[0], -1, -1)
         for image, view, p, a in zip(images, packed, clip, values, strict=True):
-            image.copy_(arguments.on_reference(reference.interpolate, view, p, faces, a))
+            image.copy_(arguments.on_reference(reference.interpolate, view, p, faces, a, RUNGS[precision]))
     return arguments.like(result, given)
 
 
@@ -109,7 +109,7 @@ def barycentrics(
     else:
         check_indices(op, faces, clip.shape[1])
         for image, view, p in zip(images, packed, clip, strict=True):
-            image.copy_(arguments.on_reference(reference.barycentrics, view, p, faces))
+            image.copy_(arguments.on_reference(reference.barycentrics, view, p, faces, RUNGS[precision]))
     return arguments.like(result, given)
 
 

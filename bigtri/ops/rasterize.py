@@ -9,12 +9,12 @@ from typing import NamedTuple
 import torch
 
 from .. import native
-from ..precision import PRECISIONS
+from ..choices import CULLS
+from ..precision import PRECISIONS, RUNGS, Arithmetic
 from ..reference import pipeline
 from . import arguments
 from .arguments import Array
 
-CULLS = ("none", "back", "front")
 # packed is (depth bits << 32) | triangle: the low half of each int64 is the triangle, and -1 on the background.
 _LOW_HALF = 0 if sys.byteorder == "little" else 1
 
@@ -129,7 +129,7 @@ def rasterize(
             counters=None,
         )
     else:
-        _draw_reference(op, views, faces, box, cull, packed, image, dropped)
+        _draw_reference(op, views, faces, box, cull, RUNGS[precision], packed, image, dropped)
 
     packed = packed.view(shape)
     return Visibility(
@@ -158,6 +158,7 @@ def _draw_reference(
     faces: torch.Tensor,
     box: tuple[int, int, int, int],
     cull: str,
+    arithmetic: Arithmetic,
     packed: torch.Tensor,
     image: torch.Tensor | None,
     dropped: torch.Tensor,
@@ -166,7 +167,7 @@ def _draw_reference(
     check_indices(op, faces, views.shape[1])
     for b, clip in enumerate(views):
         height, width = packed.shape[1:]
-        result, lost = pipeline.rasterize(clip.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box)
+        result, lost = pipeline.rasterize(clip.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box, arithmetic=arithmetic)
         packed[b] = torch.from_numpy(result)
         dropped[b] = lost
     if image is not None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..check import stages
+from ..choices import VIEWS
 from ..ops.rasterize import Visibility
 from ..precision import EXACT
 from ..reference.numerics import BIN, LARGE_THRESHOLD, TILE
@@ -19,8 +20,6 @@ from ..scene.scene import Scene
 from . import figure
 from .figure import Color
 from .render import render
-
-VIEWS = ("shaded", "normals", "depth", "ids", "overdraw", "bins")
 
 _BACKGROUND: Color = (38, 46, 66)  # for what is not there: a dark blue that no grey, normal or id is taken for
 _REJECTED: Color = (214, 62, 62)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..choices import CULLS
 from ..ops import arguments
-from ..ops.rasterize import CULLS
 from ..ops.texture import FILTERS, WRAPS
 from .camera import Vector, vector
 
