@@ -24,7 +24,7 @@ def _variants() -> dict[str, tuple[str, ...]]:
     found = {}
     if _load_error is None:
         found["cpu"] = tuple(torch.ops.bigtri.variants().split(","))
-        if torch._C._dispatch_has_kernel_for_dispatch_key("bigtri::rasterize", "CUDA"):
+        if hasattr(torch.ops.bigtri, "cuda_variants"):  # the CUDA library defines it
             found["cuda"] = tuple(torch.ops.bigtri.cuda_variants().split(","))
     return found
 

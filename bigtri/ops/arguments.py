@@ -10,9 +10,8 @@ from typing import Any, TypeAlias, TypeVar, overload
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch._subclasses import FakeTensor
 
-from .. import native
+from .. import native, torch_private
 from ..reference.numerics import MAX_SIZE
 
 Array: TypeAlias = "torch.Tensor | NDArray[Any]"
@@ -103,7 +102,7 @@ def check_tensor(
     if ndim is not None and value.ndim not in ((ndim,) if isinstance(ndim, int) else ndim):
         raise ValueError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
     if not torch.compiler.is_compiling():  # under torch.compile there is no memory to look at; the operators look when they run
-        if value._is_zerotensor() or value.is_neg():
+        if torch_private.is_zero_tensor(value) or value.is_neg():
             value = value.clone().resolve_neg()
         if backend == "reference":
             check_readable(op, name, value)
@@ -139,13 +138,13 @@ def check_memory(op: str, name: str, value: torch.Tensor) -> None:
 
 def check_writable_along(op: str, name: str, value: torch.Tensor) -> None:
     """Raise ValueError where torch cannot run an operator on ``value`` that writes into another tensor."""
-    if torch._is_functional_tensor(value) or torch._C._functorch.is_batchedtensor(value):
+    if torch_private.is_functional(value) or torch_private.is_batched(value):
         raise ValueError(f"bigtri.{op}: {name} must be a plain tensor, got one inside torch.vmap or functionalization")
 
 
 def check_own_memory(op: str, name: str, value: torch.Tensor) -> None:
     """Raise ValueError for a tensor without memory of its own: inside torch.vmap, torch.func or functionalization."""
-    if torch._is_functional_tensor(value) or not torch._C._has_storage(value):
+    if torch_private.is_functional(value) or not torch_private.has_storage(value):
         raise ValueError(
             f"bigtri.{op}: {name} must be a plain tensor, got one inside torch.vmap, torch.func or functionalization"
         )
@@ -155,8 +154,9 @@ def check_readable(op: str, name: str, value: torch.Tensor) -> None:
     """Raise ValueError unless NumPy can read the tensor, where it is or from a copy."""
     check_own_memory(op, name, value)
     # The address of a fake tensor is deprecated; that of a subclass around other tensors is 0. Meta tensors are same_device's.
-    is_fake = isinstance(value, FakeTensor)
-    if is_fake or (value.numel() and not (value.is_meta or value.data_ptr()) and value.untyped_storage().nbytes()):
+    if torch_private.is_fake(value) or (
+        value.numel() and not (value.is_meta or value.data_ptr()) and value.untyped_storage().nbytes()
+    ):
         raise ValueError(f"bigtri.{op}: {name} must be a tensor with data, got {type(value).__name__}")
 
 
@@ -207,18 +207,13 @@ def check_same_device(op: str, backend: str, **arguments: torch.Tensor) -> None:
 
 def check_apart(op: str, output_name: str, output: torch.Tensor, **inputs: torch.Tensor) -> None:
     """Raise ValueError where an output shares memory with an input, all contiguous; not where there is no memory to look at."""
-    if isinstance(output, FakeTensor):
+    if torch_private.is_fake(output):
         return
     begin, end = _extent(output)
     for name, value in inputs.items():
         first, last = _extent(value)
         if begin < last and first < end:
             raise ValueError(f"bigtri.{op}: {output_name} must not share memory with {name}")
-
-
-def beside(constant: torch.Tensor, value: torch.Tensor) -> torch.Tensor:
-    """``constant``, as a fake tensor where ``value`` is one: torch lets no operator have both kinds."""
-    return value.fake_mode.from_tensor(constant) if isinstance(value, FakeTensor) else constant
 
 
 def on_reference(function: Callable[..., NDArray[Any]], *arguments: Any) -> torch.Tensor:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from .. import native
+from .. import native, torch_private
 from ..reference import pipeline
 from . import arguments
 from .arguments import Array
@@ -179,7 +179,7 @@ def _output(op: str, out: Array | None, shape: tuple[int, ...], positions: torch
         raise wrong(ValueError, f" on {tensor.device}")
     if not torch.compiler.is_compiling():
         arguments.check_own_memory(op, "out", tensor)
-        if tensor.is_neg() or tensor._is_zerotensor():
+        if tensor.is_neg() or torch_private.is_zero_tensor(tensor):
             raise wrong(ValueError, ", a negated view" if tensor.is_neg() else ", a zero tensor without memory")
         arguments.check_memory(op, "out", tensor)
         arguments.check_apart(op, "out", tensor, positions=positions, triangles=triangles)

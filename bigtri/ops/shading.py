@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from .. import torch_private
 from ..reference import shading as reference
 from . import arguments
 from .arguments import Array, ArrayT
@@ -69,7 +70,7 @@ def encode_srgb(linear: ArrayT, *, backend: str = "auto") -> ArrayT:
     chosen = arguments.choose_backend(op, backend)
     values = arguments.check_tensor(op, "linear", linear, torch.float32, "[...]", None, chosen)
     if chosen == "native":
-        result = torch.ops.bigtri.encode_srgb(values, arguments.beside(_THRESHOLDS, values))  # on the CPU for a GPU too
+        result = torch.ops.bigtri.encode_srgb(values, torch_private.beside(_THRESHOLDS, values))  # on the CPU for a GPU too
     else:
         arguments.check_same_device(op, chosen, linear=values)
         result = arguments.on_reference(reference.encode_srgb, values)
@@ -87,4 +88,4 @@ def decode_srgb(encoded: ArrayT, *, backend: str = "auto") -> ArrayT:
     op = "decode_srgb"
     arguments.choose_backend(op, backend)
     codes = arguments.check_tensor(op, "encoded", encoded, torch.uint8, "[...]", None)
-    return arguments.like(arguments.beside(_DECODED, codes).to(codes.device)[codes.long()], encoded)
+    return arguments.like(torch_private.beside(_DECODED, codes).to(codes.device)[codes.long()], encoded)
