@@ -22,16 +22,26 @@ BACKENDS = ("auto", "reference", "native")
 def choose_backend(op: str, backend: str) -> str:
     """ "reference" or "native" for what the caller asked for; "auto" is native where the extension is built.
 
+    Warns, once in the process, where "auto" is the reference because the extension is built but does not load.
+
     Raises:
         ValueError: an unknown name.
         RuntimeError: "native" without the extension.
     """
     check_choice(op, "backend", backend, BACKENDS)
     if backend == "auto":
-        return "native" if native.available() else "reference"
+        if native.available():
+            return "native"
+        if not torch.compiler.is_compiling():
+            native.warn_if_broken("cpu")
+        return "reference"
     if backend == "native" and not native.available():
+        if native.is_broken():
+            why = f"its library is there but does not load ({native.load_error()}): build it again"
+        else:
+            why = "build it"
         raise RuntimeError(
-            f"bigtri.{op}: backend='native' needs the extension: build it with `python setup.py build_ext --inplace`, "
+            f"bigtri.{op}: backend='native' needs the extension: {why} with `python setup.py build_ext --inplace`, "
             "or pass backend='reference'"
         )
     return backend
@@ -102,6 +112,8 @@ def check_tensor(
     if ndim is not None and value.ndim not in ((ndim,) if isinstance(ndim, int) else ndim):
         raise ValueError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
     if not torch.compiler.is_compiling():  # under torch.compile there is no memory to look at; the operators look when they run
+        if value.is_cuda and backend == "native":
+            native.warn_if_broken("cuda")
         if torch_private.is_zero_tensor(value) or value.is_neg():
             value = value.clone().resolve_neg()
         if backend == "reference":

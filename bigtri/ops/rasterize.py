@@ -85,9 +85,10 @@ def rasterize(
     arguments.check_same_device(op, "reference", positions=clip, triangles=faces)  # no backend draws on the meta device
     built = native.VARIANTS
     if chosen == "native" and clip.device.type not in built:
-        raise ValueError(
-            f"bigtri.{op}: positions must be on {' or '.join(built)}, as the extension is built here, got {clip.device}"
-        )
+        why = "as the extension is built here"
+        if clip.is_cuda and native.is_broken("cuda"):
+            why = f"as the extension's library for cuda does not load here ({native.load_error('cuda')})"
+        raise ValueError(f"bigtri.{op}: positions must be on {' or '.join(built)}, {why}, got {clip.device}")
     if not torch.compiler.is_compiling():
         arguments.check_writable_along(op, "positions", clip)
         arguments.check_writable_along(op, "triangles", faces)
