@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from .. import native, torch_private
+from .. import native, torch_private, warn
 from ..reference.numerics import MAX_SIZE
 
 Array: TypeAlias = "torch.Tensor | NDArray[Any]"
@@ -90,6 +90,8 @@ def check_tensor(
 ) -> torch.Tensor:
     """``value`` as a contiguous tensor without a gradient; NumPy memory is shared, not copied.
 
+    Warns, once in the process, of a tensor that requires grad where torch records gradients: none will come.
+
     Args:
         op, name, shape: for the error text; ``shape`` as a reader writes it, e.g. "[V, 3]".
         dtype: the one that is allowed.
@@ -119,7 +121,12 @@ def check_tensor(
         if backend == "reference":
             check_readable(op, name, value)
         check_memory(op, name, value)
-    return (value.detach() if value.requires_grad else value).contiguous()
+    if value.requires_grad:
+        if torch.is_grad_enabled() and not torch.compiler.is_compiling():
+            what = f"bigtri.{op}: {name} requires grad, but nothing in bigtri is differentiable yet and no gradient reaches it"
+            warn.once("grad", f"{what}; pass {name}.detach(), or call it under torch.no_grad()", UserWarning)
+        value = value.detach()
+    return value.contiguous()
 
 
 def check_dense(op: str, name: str, value: object, dtype: torch.dtype, shape: object) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import concurrent.futures
 import multiprocessing
+import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from cases import CASES
 from torch._subclasses import FakeTensorMode
 
 import bigtri
-from bigtri import native
+from bigtri import native, warn
 from bigtri.reference.shading import encode_thresholds
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
@@ -131,12 +133,39 @@ def test_fakes_take_one_device_and_the_right_ranks(op):
                 operator(*everywhere)
 
 
+@pytest.mark.filterwarnings("ignore:.* requires grad, but nothing")
 def test_no_output_requires_grad():
     positions, triangles, resolution = tensors()
     positions.requires_grad_()
     visible = bigtri.rasterize(positions, triangles, resolution)
     colors = torch.rand(len(positions), 3, requires_grad=True)
     assert not any(t.requires_grad for t in (*visible, bigtri.interpolate(colors, visible, positions, triangles)))
+
+
+def test_a_tensor_that_requires_grad_is_said_once(monkeypatch):
+    monkeypatch.setattr(warn, "_said", set())
+    positions, triangles, resolution = tensors()
+    learning = positions.clone().requires_grad_()
+
+    def draw(given: torch.Tensor) -> torch.Tensor:
+        return bigtri.rasterize(given, triangles, resolution).packed
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # none of these expects a gradient
+        draw(positions)
+        draw(learning.detach())
+        with torch.no_grad():
+            draw(learning)
+    compiled = torch.compile(draw, fullgraph=True, backend="eager")(learning)
+    with pytest.warns(UserWarning) as said:
+        assert torch.equal(draw(learning), compiled)
+        assert torch.equal(draw(learning), compiled)
+        bigtri.encode_srgb(learning)
+    assert [Path(one.filename) for one in said] == [Path(__file__)]
+    assert str(said[0].message) == (
+        "bigtri.rasterize: positions requires grad, but nothing in bigtri is differentiable yet and no gradient reaches "
+        "it; pass positions.detach(), or call it under torch.no_grad()"
+    )
 
 
 def test_several_callers_at_once():
