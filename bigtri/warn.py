@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import inspect
-import os
 import warnings
 
-_PACKAGE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "")
 _said: set[str] = set()
 
 
@@ -26,6 +24,7 @@ def once(key: str, text: str, category: type[Warning]) -> None:
 def _level_of_the_caller() -> int:
     """The ``stacklevel`` that points out of the package, as seen from the function that calls this one."""
     frame, level = inspect.currentframe(), 0
-    while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+    # By the module, because the methods that dataclasses writes are in no file.
+    while frame is not None and frame.f_globals.get("__name__", "").partition(".")[0] == __package__:
         frame, level = frame.f_back, level + 1
     return level
