@@ -1,8 +1,13 @@
-"""The extension: whether it is there, which instruction set it runs on, its variants and their parameters."""
+"""The extension: which of its libraries load, the instruction set in use, its variants and their parameters.
+
+There are two libraries. ``bigtri._C`` defines the operators and draws on the CPU; ``bigtri._cuda`` adds the kernels for
+CUDA and is optional, so that a CUDA runtime that is missing or wrong does not take the CPU away.
+"""
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,15 +15,33 @@ from typing import NamedTuple
 
 import torch
 
+from . import warn
 from .precision import DEFAULT, PRECISIONS
 
 ISA_LEVELS = ("baseline", "avx2", "avx512")
 
-_load_error: ImportError | None = None
-try:
-    importlib.import_module("bigtri._C")
-except ImportError as error:
-    _load_error = error
+
+class _Library(NamedTuple):
+    there: bool  # whether its file lies in the package
+    error: str  # why it did not load; empty if it did
+
+
+def _load(name: str) -> _Library:
+    there = importlib.util.find_spec(name) is not None
+    try:
+        importlib.import_module(name)
+    except ImportError as error:
+        return _Library(there, str(error) or repr(error))
+    return _Library(there, "")
+
+
+def _load_libraries() -> dict[str, _Library]:
+    """The library that draws on each kind of device. Where the first does not load, the second is not tried."""
+    cpu = _load("bigtri._C")
+    return {"cpu": cpu, "cuda": cpu if cpu.error else _load("bigtri._cuda")}
+
+
+_LIBRARIES = _load_libraries()
 
 
 class Parameter(NamedTuple):
@@ -63,9 +86,9 @@ def _parsed(text: str) -> dict[str, Variant]:
 def _registry() -> dict[str, dict[str, dict[str, Variant]]]:
     """Per kind of device and rung, its variants by name, the one that "auto" means first."""
     found = {}
-    if _load_error is None:
+    if not _LIBRARIES["cpu"].error:
         found["cpu"] = {rung: _parsed(torch.ops.bigtri.variants(rung)) for rung in PRECISIONS}
-        if torch._C._dispatch_has_kernel_for_dispatch_key("bigtri::rasterize", "CUDA"):
+        if hasattr(torch.ops.bigtri, "cuda_variants"):  # the kernels for CUDA come with it
             found["cuda"] = {rung: _parsed(torch.ops.bigtri.cuda_variants(rung)) for rung in PRECISIONS}
     return found
 
@@ -77,21 +100,45 @@ VARIANTS: dict[str, tuple[str, ...]] = {kind: tuple(rungs[DEFAULT]) for kind, ru
 
 
 # What a variant counts where it is asked to, in the order in which the operator writes the numbers; csrc/core/counters.h.
-COUNTERS: tuple[str, ...] = tuple(torch.ops.bigtri.counters().split(",")) if _load_error is None else ()
+COUNTERS: tuple[str, ...] = tuple(torch.ops.bigtri.counters().split(",")) if not _LIBRARIES["cpu"].error else ()
 
 
 def available() -> bool:
-    """Whether the extension is built and loads."""
-    return _load_error is None
+    """Whether the extension is built and loads; for CUDA that is ``"cuda" in VARIANTS``."""
+    return "cpu" in VARIANTS
 
 
-def load_error() -> str:
-    """Why the extension is not there; empty if it is."""
-    return str(_load_error or "")
+def load_error(kind: str = "cpu") -> str:
+    """Why the extension does not draw on a kind of device, "cpu" or "cuda"; empty if it does.
+
+    A machine without a GPU is no such reason: the library for CUDA loads wherever there is a CUDA runtime.
+    """
+    return "" if kind in VARIANTS else _LIBRARIES[kind].error
+
+
+def is_broken(kind: str = "cpu") -> bool:
+    """Whether a library for this kind of device lies in the package, but does not load."""
+    return kind not in VARIANTS and _LIBRARIES[kind].there
+
+
+def warn_if_broken(kind: str) -> None:
+    """A RuntimeWarning with the reason, once in the process, where ``is_broken(kind)``."""
+    if is_broken(kind):
+        without = {
+            "cpu": "backend='auto' falls back to the NumPy reference: the same bits, 30 to 70 times slower",
+            "cuda": "nothing is drawn from CUDA tensors, only from those on the CPU",
+        }
+        what = f"bigtri: the extension's library for {kind} is there but does not load, so {without[kind]}"
+        warn.once(f"broken {kind}", f"{what}. {load_error(kind)}", RuntimeWarning)
 
 
 def devices() -> list[str]:
-    """The kinds of device that the extension draws on here: "cpu", and "cuda" if it is built for CUDA and there is one."""
+    """The kinds of device that the extension draws on here: "cpu", and "cuda" if it is built for CUDA and there is one.
+
+    Warns, once in the process, where there is one and the library for CUDA does not load. ``load_error("cuda")`` says why.
+    """
+    if available() and torch.cuda.is_available():
+        warn_if_broken("cuda")
     return [kind for kind in VARIANTS if kind == "cpu" or torch.cuda.is_available()]
 
 

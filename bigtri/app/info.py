@@ -59,13 +59,15 @@ def _cuda() -> str:
 
 def _extension() -> list[tuple[str, str]]:
     if not native.available():
-        return [("extension", f"not loaded: {native.load_error()}; build it with `python setup.py build_ext --inplace`")]
+        state = "there but does not load" if native.is_broken() else "not loaded"
+        return [("extension", f"{state}: {native.load_error()}; build it with `python setup.py build_ext --inplace`")]
     levels = ", ".join(native.isa_levels())
-    cuda = (
-        f"built, variants: {', '.join(native.VARIANTS['cuda'])}"
-        if "cuda" in native.VARIANTS
-        else "not built (needs a torch for CUDA and nvcc)"
-    )
+    if "cuda" in native.VARIANTS:
+        cuda = f"built, variants: {', '.join(native.VARIANTS['cuda'])}"
+    elif native.is_broken("cuda"):
+        cuda = f"there but does not load: {native.load_error('cuda')}"
+    else:
+        cuda = "not built (needs a torch for CUDA and nvcc)"
     return [
         ("extension", "built and loaded"),
         ("extension's levels", f"{levels}; in use: {native.isa()}"),

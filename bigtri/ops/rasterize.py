@@ -89,12 +89,10 @@ def rasterize(
     arguments.check_same_device(op, "reference", positions=clip, triangles=faces)  # no backend draws on the meta device
     built = native.REGISTRY
     if chosen == "native" and clip.device.type not in built:
-        raise ValueError(
-            f"bigtri.{op}: positions must be on {' or '.join(built)}, as the extension is built here, got {clip.device}"
-        )
-    if not torch.compiler.is_compiling():
-        arguments.check_writable_along(op, "positions", clip)
-        arguments.check_writable_along(op, "triangles", faces)
+        why = "as the extension is built here"
+        if clip.is_cuda and native.is_broken("cuda"):
+            why = f"as the extension's library for cuda does not load here ({native.load_error('cuda')})"
+        raise ValueError(f"bigtri.{op}: positions must be on {' or '.join(built)}, {why}, got {clip.device}")
     variants = built[clip.device.type][precision] if clip.device.type in built else {}
     arguments.check_choice(op, "variant", variant, ("auto", *variants))
     if parameters and chosen == "reference":
@@ -167,7 +165,9 @@ def _draw_reference(
     check_indices(op, faces, views.shape[1])
     for b, clip in enumerate(views):
         height, width = packed.shape[1:]
-        result, lost = pipeline.rasterize(clip.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box, arithmetic=arithmetic)
+        result, lost = pipeline.rasterize(
+            clip.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box, arithmetic=arithmetic
+        )
         packed[b] = torch.from_numpy(result)
         dropped[b] = lost
     if image is not None:

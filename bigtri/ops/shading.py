@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from .. import torch_private
 from ..reference import shading as reference
 from . import arguments
 from .arguments import Array, ArrayT
@@ -85,7 +86,7 @@ def encode_srgb(linear: ArrayT, *, backend: str = "auto", out: Array | None = No
     arguments.check_same_device(op, chosen, linear=values)
     result = arguments.check_output(op, out, torch.uint8, tuple(values.shape), values.device, linear=values)
     if chosen == "native":
-        torch.ops.bigtri.encode_srgb(values, arguments.beside(_THRESHOLDS, values), out=result)  # on the CPU for a GPU too
+        torch.ops.bigtri.encode_srgb(values, torch_private.beside(_THRESHOLDS, values), out=result)  # on the CPU for a GPU too
     else:
         result.copy_(arguments.on_reference(reference.encode_srgb, values))
     return arguments.like(result, linear)
@@ -102,4 +103,4 @@ def decode_srgb(encoded: ArrayT, *, backend: str = "auto") -> ArrayT:
     op = "decode_srgb"
     arguments.choose_backend(op, backend)
     codes = arguments.check_tensor(op, "encoded", encoded, torch.uint8, "[...]", None)
-    return arguments.like(arguments.beside(_DECODED, codes).to(codes.device)[codes.long()], encoded)
+    return arguments.like(torch_private.beside(_DECODED, codes).to(codes.device)[codes.long()], encoded)

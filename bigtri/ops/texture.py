@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 
+from .. import warn
 from ..reference import texture as reference
 from ..reference.numerics import MAX_TEXTURE
 from . import arguments
@@ -11,6 +12,9 @@ from .arguments import Array, ArrayT
 
 FILTERS = ("bilinear", "nearest")
 WRAPS = ("repeat", "clamp")
+# A texture with as many rows as a picture has channels, and at least so many columns and channels, looks like a picture
+# with its channels first. A smaller one may as well be a table of features, which often has few rows.
+_PICTURE_CHANNELS, _PICTURE_SIDE = (1, 3, 4), 16
 
 
 def sample_texture(
@@ -25,7 +29,10 @@ def sample_texture(
     """Look ``uv`` up in ``texture``, without mipmaps.
 
     Args:
-        texture: float32 [Ht, Wt, C], 1 to 65536 px a side, row 0 on top; linear light if it is to be shaded.
+        texture: float32 [Ht, Wt, C], 1 to 65536 px a side, row 0 on top, channels last; linear light if it is to be
+            shaded. C may be any number, so [C, Ht, Wt], as torch's convolutions have it, is a texture of C rows too.
+            Where that looks like a picture of 1, 3 or 4 channels there is a warning, once in the process; nothing else
+            tells the two apart.
         uv: float32 [..., 2]; (0, 0) is the lower left corner of the image, (1, 1) the upper right one.
         filter: "bilinear" or "nearest".
         wrap: what lies beyond [0, 1]: "repeat" or "clamp".
@@ -43,11 +50,15 @@ def sample_texture(
     arguments.check_choice(op, "filter", filter, FILTERS)
     arguments.check_choice(op, "wrap", wrap, WRAPS)
     texels = arguments.check_tensor(op, "texture", texture, torch.float32, "[Ht, Wt, C]", 3, chosen)
-    height, width, channels = texels.shape
+    height, width, channels = (int(n) for n in texels.shape)
     if height == 0 or width == 0:
         raise ValueError(f"bigtri.{op}: texture must have at least one texel, got {list(texels.shape)}")
     if height > MAX_TEXTURE or width > MAX_TEXTURE:
         raise ValueError(f"bigtri.{op}: texture must be at most {MAX_TEXTURE} px a side, got {list(texels.shape)}")
+    if not torch.compiler.is_compiling() and height in _PICTURE_CHANNELS and min(width, channels) >= _PICTURE_SIDE:
+        what = f"texture {list(texels.shape)} is read as [Ht, Wt, C]: {height} px high, of {channels} channels"
+        advice = "if it is [C, Ht, Wt], pass texture.permute(1, 2, 0)"
+        warn.once("texture", f"bigtri.{op}: {what}; {advice}", UserWarning)
     coordinates = arguments.check_tensor(op, "uv", uv, torch.float32, "[..., 2]", None, chosen)
     arguments.check_size(op, "uv", coordinates, -1, 2, "u, v")
     arguments.check_same_device(op, chosen, uv=coordinates, texture=texels)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from skimage import io
 
-from bigtri import __version__
+from bigtri import __version__, warn
 from bigtri.app import bench, cli
 from bigtri.choices import VIEWS
 
@@ -113,6 +113,17 @@ def test_warnings_are_one_line(tmp_path, capsys):
     assert cli.main(["render", str(tmp_path / "one.obj"), "-o", str(tmp_path / "x.png"), "--size", "32x32"]) == 0
     warning = [line for line in capsys.readouterr().err.splitlines() if "gone.mtl" in line]
     assert len(warning) == 1 and warning[0].startswith("bigtri: warning: ")
+
+
+def test_radians_on_the_command_line(model, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(warn, "_said", set())
+    out = str(tmp_path / "x.png")
+    assert cli.main(["render", str(model), "-o", out, "--size", "32x32", "--fov", "0.7"]) == 0
+    said = [line for line in capsys.readouterr().err.splitlines() if "warning" in line]
+    assert said == [
+        "bigtri: warning: bigtri.Camera.framing: fov_y is in degrees, got 0.7, which looks like radians; "
+        "0.7 radians are 40.107 degrees"
+    ]
 
 
 def test_info(capsys):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import concurrent.futures
 import multiprocessing
+import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from operators import call, split
 from torch._subclasses import FakeTensorMode
 
 import bigtri
-from bigtri import native
+from bigtri import native, warn
 from bigtri.reference.shading import encode_thresholds
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
@@ -35,6 +37,7 @@ def arguments(op: str) -> tuple:
     depth = call("depth", (xy, z, area, spans, "exact"))
     packed = torch.empty(1, height, width, dtype=torch.int64)
     call("visibility", (triangle, spans, depth, packed[0]))
+    drawing = packed, positions[None], triangles
     return {
         "rasterize": (
             *(positions[None], triangles, height, width, "none", [0, 0, width, height], "bin_owned", "exact", 1, [], None, None),
@@ -55,14 +58,10 @@ def arguments(op: str) -> tuple:
             "exact",
             torch.empty(*packed.shape, 5),
         ),
-        "barycentrics": (packed, positions[None], triangles, "exact", torch.empty(*packed.shape, 3)),
+        "barycentrics": (*drawing, "exact", torch.empty(*packed.shape, 3)),
         "sample_texture": (torch.rand(7, 5, 3), torch.rand(20, 2), "bilinear", "repeat", torch.empty(20, 3)),
         "lambert": (*(torch.rand(n, 3) for n in (9, 9)), torch.rand(3), *(torch.rand(2, 3) for _ in "dc"), torch.empty(9, 3)),
-        "encode_srgb": (
-            torch.rand(4, 5, 3),
-            torch.from_numpy(np.array(encode_thresholds())),
-            torch.empty(4, 5, 3, dtype=torch.uint8),
-        ),
+        "encode_srgb": (torch.rand(4, 5), torch.from_numpy(np.array(encode_thresholds())), torch.empty(4, 5, dtype=torch.uint8)),
     }[op]
 
 
@@ -144,12 +143,39 @@ def test_fakes_take_one_device_and_the_right_ranks(op):
                 call(op, tuple(everywhere))
 
 
+@pytest.mark.filterwarnings("ignore:.* requires grad, but nothing")
 def test_no_output_requires_grad():
     positions, triangles, resolution = tensors()
     positions.requires_grad_()
     visible = bigtri.rasterize(positions, triangles, resolution)
     colors = torch.rand(len(positions), 3, requires_grad=True)
     assert not any(t.requires_grad for t in (*visible, bigtri.interpolate(colors, visible, positions, triangles)))
+
+
+def test_a_tensor_that_requires_grad_is_said_once(monkeypatch):
+    monkeypatch.setattr(warn, "_said", set())
+    positions, triangles, resolution = tensors()
+    learning = positions.clone().requires_grad_()
+
+    def draw(given: torch.Tensor) -> torch.Tensor:
+        return bigtri.rasterize(given, triangles, resolution).packed
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # none of these expects a gradient
+        draw(positions)
+        draw(learning.detach())
+        with torch.no_grad():
+            draw(learning)
+    compiled = torch.compile(draw, fullgraph=True, backend="eager")(learning)
+    with pytest.warns(UserWarning) as said:
+        assert torch.equal(draw(learning), compiled)
+        assert torch.equal(draw(learning), compiled)
+        bigtri.encode_srgb(learning)
+    assert [Path(one.filename) for one in said] == [Path(__file__)]
+    assert str(said[0].message) == (
+        "bigtri.rasterize: positions requires grad, but nothing in bigtri is differentiable yet and no gradient reaches "
+        "it; pass positions.detach(), or call it under torch.no_grad()"
+    )
 
 
 def test_several_callers_at_once():
