@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import torch
 
-from . import warn
+from . import fakes, warn
 from .precision import DEFAULT, PRECISIONS
 
 ISA_LEVELS = ("baseline", "avx2", "avx512")
@@ -227,5 +227,7 @@ def parameter_values(op: str, variant: Variant, given: Mapping[str, int] | None)
     return [int(given.get(p.name, _parameters.get(p.name, p.standard))) for p in variant.parameters.values()]
 
 
+if available():
+    fakes.register()
 if available() and (wanted := os.environ.get("BIGTRI_ISA")) and wanted not in isa_levels():
     raise ImportError(f"bigtri: BIGTRI_ISA must be one of {', '.join(isa_levels())} on this machine, got {wanted!r}")

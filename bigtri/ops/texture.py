@@ -65,7 +65,7 @@ def sample_texture(
 
     flat = coordinates.reshape(-1, 2)
     shape = (*coordinates.shape[:-1], channels)
-    result = arguments.check_output(op, out, torch.float32, shape, coordinates.device, texture=texels, uv=coordinates)
+    result = arguments.check_output(op, out, torch.float32, shape, texels.device, texture=texels, uv=coordinates)
     if chosen == "native":
         torch.ops.bigtri.sample_texture(texels, flat, filter=filter, wrap=wrap, out=result.view(-1, channels))
     else:

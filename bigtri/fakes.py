@@ -12,8 +12,6 @@ from typing import Any, NamedTuple
 
 import torch
 
-from .. import native
-
 Result = Callable[[dict[str, Any]], Any]
 
 
@@ -86,11 +84,8 @@ def _fake(name: str, names: list[str], *given: Any, **named: Any) -> Any:
     return operator.result(bound)
 
 
-def _register() -> None:
+def register() -> None:
+    """Make them known to torch; the library with the schemas has to be loaded."""
     for name in OPERATORS:
         names = [argument.name for argument in getattr(torch.ops.bigtri, name).default._schema.arguments]
         torch.library.register_fake(f"bigtri::{name}")(partial(_fake, name, names))
-
-
-if native.available():
-    _register()
