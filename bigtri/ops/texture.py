@@ -59,7 +59,7 @@ def sample_texture(
         what = f"texture {list(texels.shape)} is read as [Ht, Wt, C]: {height} px high, of {channels} channels"
         advice = "if it is [C, Ht, Wt], pass texture.permute(1, 2, 0)"
         warn.once("texture", f"bigtri.{op}: {what}; {advice}", UserWarning)
-    coordinates = arguments.check_tensor(op, "uv", uv, torch.float32, "[..., 2]", None, chosen)
+    coordinates: torch.Tensor = arguments.check_tensor(op, "uv", uv, torch.float32, "[..., 2]", None, chosen)
     arguments.check_size(op, "uv", coordinates, -1, 2, "u, v")
     arguments.check_same_device(op, chosen, uv=coordinates, texture=texels)
 

@@ -1,0 +1,141 @@
+"""Every rung in bits, every counter against the reference, views drawn together, and what the registry says of parameters."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from cases import CASES, Case
+from operators import call
+
+import bigtri
+from bigtri import native
+from bigtri.check import counters, stages
+from bigtri.precision import PRECISIONS, RUNGS
+
+pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
+CSRC = Path(bigtri.__file__).parent / "csrc"
+FEW = ("behind_camera", "guard_band", "clipped_fans", "layers", "long_slivers", "mesh_of_small", "small_on_cells", "on_bins")
+VARIANTS = native.VARIANTS.get("cpu", ())
+
+
+def make(name: str) -> Case:
+    return CASES[name](np.random.default_rng([0, *name.encode()]))
+
+
+def same(a: bigtri.Visibility, b: bigtri.Visibility) -> bool:
+    assert a.depth is not None and b.depth is not None
+    bits = [np.asarray(v.depth).view(np.int32) for v in (a, b)]
+    return np.array_equal(a.packed, b.packed) and np.array_equal(*bits) and np.array_equal(a.dropped, b.dropped)
+
+
+@pytest.mark.skipif(not CSRC.exists(), reason="the sources are not here")
+def test_the_rungs_are_those_of_the_header() -> None:
+    text = (CSRC / "core/precision.h").read_text()
+    bits = {name: int(n) for name, n in re.findall(r"struct (\w+)[^{]*\{\s*static constexpr int kSubpixelBits = (\d+);", text)}
+    assert bits == {name: rung.subpixel_bits for name, rung in RUNGS.items()}
+    assert tuple(re.findall(r"X\((\w+)\)", text.partition("BIGTRI_RUNGS(X)")[2])) == PRECISIONS
+
+
+@pytest.mark.parametrize("precision", PRECISIONS[1:])
+@pytest.mark.parametrize("name", CASES)
+def test_every_rung_has_its_reference_s_bits(name: str, precision: str) -> None:
+    case = make(name)
+    wanted = bigtri.rasterize(*case, precision=precision, backend="reference")
+    for isa in native.isa_levels():
+        for variant in VARIANTS:
+            with native.using_isa(isa):
+                seen = bigtri.rasterize(*case, precision=precision, variant=variant, backend="native")
+            assert same(seen, wanted), (isa, variant)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("name", FEW)
+def test_stages_and_attributes_of_a_rung(name: str, precision: str) -> None:
+    positions, triangles, (height, width) = make(name)
+    colors = np.random.default_rng(0).random((len(positions), 3), np.float32)
+    found = []
+    for backend in ("reference", "native"):
+        how = {"backend": backend, "precision": precision}
+        records, dropped = stages.setup(positions, triangles, height, width, **how)
+        bins = stages.binning(records, 64, **how)
+        queue = bins.candidates[bins.kept]
+        touched, full = stages.tile_mask(records, queue, **how)
+        spans = stages.scanline(records, queue, touched, bins.small, **how)
+        depth = stages.depth(records, spans, **how)
+        seen = bigtri.rasterize(positions, triangles, (height, width), **how)
+        values = bigtri.interpolate(colors, seen, positions, triangles, **how)
+        weights = bigtri.barycentrics(seen, positions, triangles, **how)
+        found.append((*records, dropped, *bins, touched, full, spans, depth, seen.packed, values, weights))
+    for a, b in zip(*found, strict=True):
+        a, b = np.asarray(a), np.asarray(b)
+        assert a.dtype == b.dtype or a.ndim == 0
+        assert a.tobytes() == b.tobytes() if a.ndim else a == b
+
+
+def batch_of(case: Case) -> torch.Tensor:
+    """Views that touch different parts of the image, all of it, and none of it."""
+    moved = [case.positions, case.positions * np.float32([0.5, -1, 1, 1]), np.full_like(case.positions, 9), case.positions[::-1]]
+    return torch.from_numpy(np.stack([*moved, np.full_like(case.positions, 9), case.positions]))
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", FEW)
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_views_drawn_together_are_those_drawn_alone(name: str, variant: str) -> None:
+    case = make(name)
+    views, triangles = batch_of(case), torch.from_numpy(case.triangles)
+    alone = [bigtri.rasterize(view, triangles, case.resolution, backend="native") for view in views]
+    little = {"bin_owned": [{"records": 1, "candidates": 1}, {"records": 40, "candidates": 70}], "scanline": [{"share": 1}]}
+    for parameters in ({}, *little[variant]):
+        seen = bigtri.rasterize(views, triangles, case.resolution, variant=variant, parameters=parameters)
+        for b, one in enumerate(alone):
+            assert same(bigtri.Visibility(seen.packed[b], seen.triangle[b], seen.depth[b], seen.dropped[b]), one), (parameters, b)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", FEW)
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_counters_are_the_reference_s(name: str, variant: str, precision: str) -> None:
+    case = make(name)
+    for positions in (case.positions, batch_of(case)):
+        given = positions, case.triangles, case.resolution
+        both = [counters.count(*given, variant=variant, precision=precision, backend=b) for b in ("reference", "native")]
+        assert both[0] == both[1] and (both[0] or name == "nothing")
+
+
+def test_parameters_are_checked_by_name() -> None:
+    case = make("on_bins")
+    with pytest.raises(ValueError, match=r"parameters of variant 'bin_owned' are records, candidates, got 'speed'"):
+        bigtri.rasterize(*case, parameters={"speed": 1})
+    # An entry of a bin's list has 30 bits for its record, and a list begins at a place of 32 bits.
+    for name, most in (("records", 2**30), ("candidates", 2**32 - 1)):
+        for wrong in (0, most + 1, -1, True, 1.0):
+            with pytest.raises(ValueError, match=rf"parameter {name} of variant 'bin_owned' must be 1 to {most}, got {wrong}"):
+                bigtri.rasterize(*case, parameters={name: wrong})
+        with (
+            pytest.raises(ValueError, match=f"using_parameters: {name} must be 1 to {most}"),
+            native.using_parameters(**{name: most + 1}),
+        ):
+            pass
+    with pytest.raises(ValueError, match="parameters must be None with the reference"):
+        bigtri.rasterize(*case, backend="reference", parameters={"records": 1})
+    with pytest.raises(TypeError, match="using_parameters: parameters are .*, got speed"), native.using_parameters(speed=1):
+        pass
+
+
+def test_what_nothing_serves_yet_is_refused_by_name() -> None:
+    case = make("on_bins")
+    height, width = case.resolution
+    packed = torch.empty(1, height, width, dtype=torch.int64)
+    ranges = torch.zeros(1, 2, dtype=torch.int32)
+    for name, samples, r, behind in (("samples", 4, None, None), ("ranges", 1, ranges, None), ("behind", 1, None, packed)):
+        mesh = torch.from_numpy(case.positions)[None], torch.from_numpy(case.triangles)
+        values = (*mesh, height, width, "none", [0, 0, width, height])
+        outputs = (packed, None, torch.empty(1, dtype=torch.int64), None)
+        with pytest.raises(RuntimeError, match=f"bigtri::rasterize: {name} must be"):
+            call("rasterize", (*values, "bin_owned", "exact", samples, [], r, behind, *outputs))
