@@ -39,7 +39,9 @@ def asking_trimesh() -> Iterator[None]:
 def _reason(error: Exception) -> str:
     """What an error says in one line; its kind, where it says nothing that a reader would understand."""
     text = " ".join(str(error).split())
-    return text if isinstance(error, ValueError | OSError) and text else f"{type(error).__name__}: {text}".removesuffix(": ")
+    if isinstance(error, ValueError | OSError) and text:
+        return text
+    return f"{type(error).__name__}: {text}".removesuffix(": ")
 
 
 class _Paint(NamedTuple):
@@ -83,7 +85,7 @@ def _meshes(loaded: Any) -> Iterator[_Mesh]:
             nodes = [("mesh", np.eye(4), loaded)]
         else:
             placed = [loaded.graph[node] for node in loaded.graph.nodes_geometry]
-            nodes = [(str(name), np.asarray(transform, np.float64), loaded.geometry[name]) for transform, name in placed]
+            nodes = [(str(name), np.asarray(matrix, np.float64), loaded.geometry[name]) for matrix, name in placed]
         meshes = [node for node in nodes if isinstance(node[2], trimesh.Trimesh) and len(node[2].faces)]
     for name, transform, mesh in meshes:
         with asking_trimesh():
@@ -122,8 +124,10 @@ def _check_shape(owner: str, name: str, value: NDArray[Any] | None, *shape: int 
     """Raise ModelError unless an array, where there is one, has the shape; a letter stands for any size but 0."""
     if value is None:
         return
-    sizes = zip(shape, value.shape, strict=False)
-    if value.ndim != len(shape) or not all(size if isinstance(wanted, str) else size == wanted for wanted, size in sizes):
+    fits = value.ndim == len(shape) and all(
+        size > 0 if isinstance(wanted, str) else size == wanted for wanted, size in zip(shape, value.shape, strict=True)
+    )
+    if not fits:
         raise ModelError(f"{owner}: {name} must be [{', '.join(map(str, shape))}], got {list(value.shape)}")
 
 

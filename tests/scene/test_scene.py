@@ -363,9 +363,9 @@ def test_arrays_of_the_wrong_shape():
     """What trimesh hands on of a file that says so."""
     box = trimesh.creation.box()
     box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 1)))
-    with pytest.raises(ValueError, match=r"bigtri.from_trimesh: mesh: texture coordinates must be \[8, 2\], got \[8, 1\]"):
+    with pytest.raises(ValueError, match=r"from_trimesh: mesh: texture coordinates must be \[8, 2\], got \[8, 1\]"):
         from_trimesh(box)
     box.visual = trimesh.visual.TextureVisuals()
     box.visual.vertex_attributes["color"] = np.zeros((7, 4), np.uint8)
-    with pytest.raises(ValueError, match=r"bigtri.from_trimesh: mesh: colors must be \[8, 3\], got \[7, 3\]"):
+    with pytest.raises(ValueError, match=r"from_trimesh: mesh: colors must be \[8, 3\], got \[7, 3\]"):
         from_trimesh(box)
