@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .scene import Scene, merge
-from .trimesh_parts import parts_of
+from .trimesh_parts import ModelError, asking_trimesh, parts_of
 
 FILE_KINDS = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
 
@@ -41,16 +41,17 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     except ImportError as error:
         raise ImportError("bigtri.load_scene: reading models needs trimesh: pip install trimesh pillow") from error
     try:
-        # Processing would merge vertices that differ in texture coordinates or normals.
-        loaded = trimesh.load_scene(str(path), process=False)
-    except Exception as error:
-        raise ValueError(f"bigtri.load_scene: {path} cannot be read as {kind[1:]}: {_reason(error)}") from error
+        with asking_trimesh():
+            # Processing would merge vertices that differ in texture coordinates or normals.
+            loaded = trimesh.load_scene(str(path), process=False)
+    except ModelError as error:
+        raise ValueError(f"bigtri.load_scene: {path} cannot be read as {kind[1:]}: {error}") from error
     if kind == ".obj":
         _warn_of_missing_materials(path)
     try:
         return _merged_parts(loaded, linear_colors=kind in (".glb", ".gltf"))
-    except Exception as error:  # trimesh works much out only when it is asked for, and a broken file breaks it in any way
-        raise ValueError(f"bigtri.load_scene: {path}: {_reason(error)}") from error
+    except ModelError as error:
+        raise ValueError(f"bigtri.load_scene: {path}: {error}") from error
 
 
 def from_trimesh(loaded: Any, linear_colors: bool = False) -> Scene:
@@ -70,21 +71,15 @@ def from_trimesh(loaded: Any, linear_colors: bool = False) -> Scene:
         raise TypeError(f"bigtri.from_trimesh: loaded must be a trimesh.Scene or trimesh.Trimesh, got {type(loaded).__name__}")
     try:
         return _merged_parts(loaded, linear_colors)
-    except ValueError as error:
+    except ModelError as error:
         raise ValueError(f"bigtri.from_trimesh: {error}") from error
 
 
 def _merged_parts(loaded: Any, linear_colors: bool) -> Scene:
     parts = parts_of(loaded, linear_colors)
     if not parts:
-        raise ValueError("there are no triangles in it: point clouds and lines are not drawn")
+        raise ModelError("there are no triangles in it: point clouds and lines are not drawn")
     return merge(parts)
-
-
-def _reason(error: Exception) -> str:
-    """What an error says in one line; its kind, where it says nothing that a reader would understand."""
-    text = " ".join(str(error).split())
-    return text if isinstance(error, ValueError | OSError) and text else f"{type(error).__name__}: {text}".removesuffix(": ")
 
 
 def _warn_of_missing_materials(path: Path) -> None:

@@ -10,7 +10,7 @@ from PIL import Image
 
 from bigtri import Camera, Scene, load_scene, render
 from bigtri.reference.shading import decode_table
-from bigtri.scene import Light, Material, from_trimesh, load, merge
+from bigtri.scene import Light, Material, from_trimesh, merge, trimesh_parts
 from bigtri.scene.normals import face_normals, is_closed, split_normals
 
 # Red, green above blue, white: every corner of a texture is told from the others.
@@ -317,11 +317,55 @@ def test_vertices_of_two_coordinates_in_an_obj(tmp_path):
         load_scene(tmp_path / "flat.obj")
 
 
-def test_whatever_the_loader_raises_is_a_value_error(tmp_path, monkeypatch):
-    def fail(*_, **__):
+@pytest.mark.parametrize(
+    ("owner", "name"),
+    [
+        (trimesh.Trimesh, "faces"),
+        (trimesh.Trimesh, "vertices"),
+        (trimesh.scene.transforms.SceneGraph, "nodes_geometry"),
+        (trimesh.visual.ColorVisuals, "kind"),
+    ],
+)
+def test_whatever_trimesh_raises_is_a_value_error(tmp_path, monkeypatch, owner, name):
+    """Also when it is asked for what it has not worked out yet."""
+
+    def fail(_):
         raise KeyError("accessors")
 
     trimesh.creation.box().export(tmp_path / "box.ply")
-    monkeypatch.setattr(load, "parts_of", fail)
+    load_with_trimesh = trimesh.load_scene
+
+    def load_and_break(*arguments, **options):
+        loaded = load_with_trimesh(*arguments, **options)
+        monkeypatch.setattr(owner, name, property(fail))
+        return loaded
+
+    monkeypatch.setattr(trimesh, "load_scene", load_and_break)
     with pytest.raises(ValueError, match="bigtri.load_scene: .*box.ply: KeyError: 'accessors'"):
         load_scene(tmp_path / "box.ply")
+
+
+@pytest.mark.parametrize("function", ["split_normals", "is_closed", "affine", "Scene"])
+@pytest.mark.parametrize("error", [KeyError("bug"), ValueError("bug")])
+def test_faults_of_our_own_are_not_blamed_on_the_file(tmp_path, monkeypatch, function, error):
+    def fail(*_, **__):
+        raise error
+
+    trimesh.creation.box().export(tmp_path / "box.ply")
+    monkeypatch.setattr(trimesh_parts, function, fail)
+    for read in (lambda: load_scene(tmp_path / "box.ply"), lambda: from_trimesh(trimesh.creation.box())):
+        with pytest.raises(type(error)) as raised:
+            read()
+        assert raised.value is error
+
+
+def test_arrays_of_the_wrong_shape():
+    """What trimesh hands on of a file that says so."""
+    box = trimesh.creation.box()
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 1)))
+    with pytest.raises(ValueError, match=r"from_trimesh: mesh: texture coordinates must be \[8, 2\], got \[8, 1\]"):
+        from_trimesh(box)
+    box.visual = trimesh.visual.TextureVisuals()
+    box.visual.vertex_attributes["color"] = np.zeros((7, 4), np.uint8)
+    with pytest.raises(ValueError, match=r"from_trimesh: mesh: colors must be \[8, 3\], got \[7, 3\]"):
+        from_trimesh(box)
