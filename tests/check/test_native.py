@@ -56,8 +56,8 @@ def test_every_stage_has_the_reference_bits(name, isa):
         assert (difference := verify.compare(*case, variant=variant, threshold=threshold)) is None, str(difference)
 
 
-@pytest.mark.parametrize("name", ["layers", "behind_camera", "many_small", "slivers"])
-def test_the_extension_lists_in_the_order_of_the_reference(name, isa, threads):
+@pytest.mark.parametrize("name", CASES)
+def test_the_extension_lists_in_the_order_of_the_reference(name, isa):
     """What docs/architecture.md says of the outputs of its stages, beyond what ``verify`` asks of a stage."""
     positions, triangles, (height, width) = make(name)
     records, _ = stages.setup(positions, triangles, height, width, backend="reference")

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import collections
+import re
+import textwrap
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -226,6 +229,25 @@ def test_the_nearer_triangle_is_at_fault(value, triangle):
 def test_nothing_is_reported_of_stages_that_agree():
     assert verify.compare(*CASE, stages=STAGES, threshold=THRESHOLD) is None
     assert str(verify.compare(*CASE, stages=STAGES, threshold=THRESHOLD, every=True)) == "no difference"
+
+
+def test_a_scene_without_triangles():
+    """And what is there all the same."""
+    case = (CASE.positions[:0], CASE.triangles[:0], CASE.resolution)
+    assert verify.compare(*case, stages=STAGES) is None
+    assert verify.compare(*case, stages={"attributes": STAGES["attributes"]}) is None
+
+    drawn = reference.setup(*CASE[:2], *CASE.resolution)[0]
+    found = verify.compare(*case, stages={"setup": lambda *_: (drawn, 0)}, every=True)
+    assert list(map(str, found)) == [
+        "stage setup, triangle 0: 1 record, none expected",
+        "stage setup, triangle 1: 1 record, none expected",
+        "stage setup, triangle 2: 2 records, none expected",
+    ]
+    found = verify.compare(
+        *case, stages={"binning": lambda *_: Bins(np.zeros((0, 3), np.int32), np.zeros(0, bool), np.array([5], np.int32))}
+    )
+    assert str(found) == "stage binning, record 5 (there are 0): small, not small expected"
 
 
 @pytest.mark.parametrize("name", ["screen_size", "behind_camera", "many_small", "not_finite"])
@@ -565,3 +587,13 @@ def test_equal_in_bits():
     b = np.array([-0.0, 1.0, np.nan, 0.0, np.inf], np.float32)
     b.view(np.uint32)[2] ^= 0x80000001
     assert sentences.same_bits(a, b).tolist() == [False, True, True, False, True]
+
+
+def test_the_example_of_contributing(capsys):
+    """It prints what the page says it does."""
+    section = (
+        Path(__file__).parents[2].joinpath("CONTRIBUTING.md").read_text().split("## Comparing backends")[1].split("\n## ")[0]
+    )
+    code, printed = (textwrap.dedent(block) for block in re.findall(r"(?<=\n\n)(?:(?:    .*)?\n)*?    .*(?=\n\n\S)", section)[:2])
+    exec(code, {})
+    assert capsys.readouterr().out.strip() == printed.strip()
