@@ -20,8 +20,9 @@ namespace {
 
 // Makes a thread's streaming stores (stream() in simd.h) visible before anything it stores later. They pass the caches
 // and, on x86-64, also the order in which a thread's other stores appear: without this fence another thread could be
-// told that the image is done, by a mutex or a flag, and read a part that still waits in this one's buffers. One fence
-// is enough for all that a thread does in a run, and a body that throws has stored too.
+// told that the image is done, by a release store, which is an ordinary one there, and read a part that still waits in
+// this one's buffers. A locked instruction orders them too, but neither C++ nor this file promises one. One fence is
+// enough for all that a thread does in a run, and a body that throws has stored too.
 class StoreFence {
  public:
   StoreFence() = default;
