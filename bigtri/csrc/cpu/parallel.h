@@ -11,7 +11,8 @@
 
 namespace bigtri {
 
-// Round to nearest, no flush to zero, no trapping: whatever the caller's thread was set to, put back at the end.
+// Round to nearest, no flush to zero, no trapping. Whatever the thread was set to is put back at the end, also when a body
+// throws.
 class FloatMode {
  public:
 #if defined(__x86_64__)
