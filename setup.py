@@ -1,13 +1,14 @@
 """Builds the extension `bigtri._C`: one abi3 library on torch's stable ABI, which runs on Python >= 3.10 and torch >= 2.10.
 
-With a torch built for CUDA and a CUDA toolkit (CUDA_HOME, or nvcc on the PATH) the CUDA kernels are built too; no GPU has to be
-there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 insists on them. TORCH_CUDA_ARCH_LIST says for which architectures
+With a torch built for CUDA and a CUDA toolkit (CUDA_HOME, or nvcc on the PATH) the CUDA kernels are built too, as `bigtri._cuda`
+beside it; no GPU has to be there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 insists on them. TORCH_CUDA_ARCH_LIST says for which architectures
 ("7.5;9.0;12.0+PTX"); by default for the GPUs of this
 machine, or for all of these where there is none.
 """
 
 import os
 import platform
+import re
 import subprocess
 from pathlib import Path
 
@@ -30,12 +31,14 @@ FLAGS = [
     "-Wno-unused-parameter",
     "-Wno-unused-function",
     "-Wno-psabi",
-    "-Wno-maybe-uninitialized",
-    "-Wno-uninitialized",
 ]
 # The same rules for the GPU: no fused multiply-add, true division and square root, no flush to zero.
 CUDA_FLAGS = ["-std=c++17", "-O3", "-fmad=false", "-prec-div=true", "-prec-sqrt=true", "-ftz=false", "-lineinfo"]
 CUDA_FLAGS += ["-Xcompiler", "-ffp-contract=off,-fvisibility=hidden"]
+
+
+X86 = platform.machine() in ("x86_64", "AMD64")
+RUNGS = re.findall(r"\bX\((\w+)\)", (CSRC / "core/precision.h").read_text().partition("#define BIGTRI_RUNGS(X)")[2])
 
 
 def with_cuda() -> bool:
@@ -56,38 +59,62 @@ def known_architectures() -> str:
     return ";".join(known) + "+PTX"
 
 
-def sources(cuda: bool) -> list[str]:
-    files = [*CSRC.glob("cpu/*.cpp"), *CSRC.glob("torch/*.cpp")]
-    if platform.machine() not in ("x86_64", "AMD64"):
-        files = [f for f in files if f.name not in ("isa_avx2.cpp", "isa_avx512.cpp")]
-    if cuda:
-        files += CSRC.glob("cuda/*.cu")
-    else:
-        files = [f for f in files if not f.name.startswith("cuda_")]
-    return [str(f) for f in sorted(files)]
+def written(path: Path, text: str) -> str:
+    """A file with this text; one that has it already is left alone, so that nothing is compiled anew."""
+    if not path.exists() or path.read_text() != text:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return str(path)
 
 
-def extension() -> CppExtension:
-    cuda = with_cuda()
-    if cuda and not torch.cuda.is_available():
-        os.environ.setdefault("TORCH_CUDA_ARCH_LIST", known_architectures())
+def per_rung(source: Path, rung: str, counting: bool = False) -> str:
+    """A file that compiles ``source`` for a rung; core/precision.h says what that is, core/counters.h what counting is."""
+    text = f"#define BIGTRI_RUNG {rung}\n" + "#define BIGTRI_COUNTING\n" * counting
+    folder = Path("build/rungs") / (rung + "_counting" * counting)
+    return written(folder / source.name, f'{text}#include "{source.relative_to(CSRC)}"\n')
+
+
+def cpu_sources() -> list[str]:
+    once = [CSRC / "cpu" / name for name in ("dispatch.cpp", "index_range.cpp", "rungs.cpp", "thread_pool.cpp")]
+    default = [CSRC / "cpu/shading.cpp"]  # no rung differs in it
+    isas = [f for f in sorted(CSRC.glob("cpu/isa_*.cpp")) if X86 or f.stem == "isa_baseline"]
+    each = [f for f in sorted(CSRC.glob("cpu/*.cpp")) if f not in once + default and not f.stem.startswith("isa_")]
+    counted = [f for f in each if f.stem not in ("attributes", "stages")] + [CSRC / "cpu/isa_baseline.cpp"]
+    files = [str(f) for f in [*once, *sorted(f for f in CSRC.glob("torch/*.cpp") if not f.name.startswith("cuda_"))]]
+    files += [per_rung(f, RUNGS[0]) for f in default]
+    files += [per_rung(f, rung) for rung in RUNGS for f in [*each, *isas]]
+    files += [per_rung(f, rung, counting=True) for rung in RUNGS for f in counted]
+    return files
+
+
+def cuda_sources() -> list[str]:
+    listed = re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\)(.*)", (CSRC / "cuda/variants.h").read_text())
+    variants = {rung: re.findall(r"\bX\((\w+)\)", names) for rung, names in listed}
+    files = sorted(CSRC.glob("cuda/*.cu"))
+    each = [f for f in files if "BIGTRI_NAMESPACE" in f.read_text()]  # depends on the rung
+    found = [str(f) for f in [*(f for f in files if f not in each), *sorted(CSRC.glob("torch/cuda_*.cpp"))]]
+    for rung in RUNGS:
+        elsewhere = {name for names in variants.values() for name in names} - {*variants[rung]}
+        found += [per_rung(f, rung) for f in each if f.stem not in elsewhere]
+    return found
+
+
+def extensions() -> list[CppExtension]:
     flags = [*FLAGS, f"-DTORCH_TARGET_VERSION={TARGET_TORCH}"]
-    if cuda:
-        flags += ["-DUSE_CUDA"]  # torch's stable header then declares its CUDA functions
     link = []
     if sanitize := os.environ.get("BIGTRI_SANITIZE"):  # e.g. address,undefined; CONTRIBUTING.md says how to run it
         # Python's own flags have -fwrapv, under which no signed overflow is undefined, so that none would be reported.
         flags += [f"-fsanitize={sanitize}", "-fno-sanitize-recover=all", "-fno-wrapv", "-fno-omit-frame-pointer", "-g", "-O1"]
         link += [f"-fsanitize={sanitize}"]
-    headers = [str(f) for pattern in ("*.h", "*.inl", "*.cuh") for f in sorted(CSRC.rglob(pattern))]
-    return (CUDAExtension if cuda else CppExtension)(
-        "bigtri._C",
-        sources(cuda),
-        extra_compile_args={"cxx": flags, "nvcc": CUDA_FLAGS},
-        extra_link_args=link,
-        depends=headers,
-        py_limited_api=True,
-    )
+    headers = [str(f) for pattern in ("*.h", "*.inl", "*.cuh", "*.cpp", "*.cu") for f in sorted(CSRC.rglob(pattern))]
+    common = {"include_dirs": [str(CSRC.resolve())], "extra_link_args": link, "depends": headers, "py_limited_api": True}
+    found = [CppExtension("bigtri._C", cpu_sources(), extra_compile_args={"cxx": flags}, **common)]
+    if with_cuda():
+        if not torch.cuda.is_available():
+            os.environ.setdefault("TORCH_CUDA_ARCH_LIST", known_architectures())
+        compile_args = {"cxx": [*flags, "-DUSE_CUDA"], "nvcc": CUDA_FLAGS}  # torch's stable header then declares its CUDA functions
+        found += [CUDAExtension("bigtri._cuda", cuda_sources(), extra_compile_args=compile_args, **common)]
+    return found
 
 
-setup(ext_modules=[extension()], cmdclass={"build_ext": BuildExtension}, options={"bdist_wheel": {"py_limited_api": "cp310"}})
+setup(ext_modules=extensions(), cmdclass={"build_ext": BuildExtension}, options={"bdist_wheel": {"py_limited_api": "cp310"}})
