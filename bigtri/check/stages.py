@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from .. import reference
 from ..ops import arguments
 from ..ops.rasterize import CULLS, check_indices
-from ..reference.numerics import BIN, GUARD, LARGE_THRESHOLD, MAX_SIZE
+from ..precision import EXACT
+from ..reference.numerics import BIN, LARGE_THRESHOLD, MAX_SIZE
 from ..reference.records import Bins, Records
 
 Scissor = tuple[int, int, int, int]
@@ -24,7 +25,7 @@ _INFINITY = 0x7F800000  # as the bits of a float32; above it are NaN
 # Of the records' fields that a stage reads: type, shape, the sizes behind N, and between what they must lie.
 _FIELDS: dict[str, tuple[torch.dtype, str, tuple[int, ...], tuple[int, int] | None]] = {
     "triangle": (torch.int32, "[N]", (), (0, 2**31 - 1)),
-    "xy": (torch.int32, "[N, 3, 2]", (3, 2), (-GUARD, GUARD - 1)),
+    "xy": (torch.int32, "[N, 3, 2]", (3, 2), (-EXACT.guard, EXACT.guard - 1)),
     "z": (torch.float32, "[N, 3]", (3,), None),
     "area": (torch.int64, "[N]", (), (1, 2**63 - 1)),
     "bbox": (torch.int32, "[N, 4]", (4,), (0, MAX_SIZE)),

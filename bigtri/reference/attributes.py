@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
 from .numerics import BACKGROUND, edge_values, edges_of
 from .records import Records
 from .resolve import resolve
@@ -21,28 +23,37 @@ class _Covered(NamedTuple):
     weight: NDArray[np.float32]  # [P, 3], perspective-correct weight of slot 0, 1, 2
 
 
-def barycentrics(packed: NDArray[np.int64], positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDArray[np.float32]:
+@default_float_mode
+def barycentrics(
+    packed: NDArray[np.int64],
+    positions: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    arithmetic: Arithmetic = EXACT,
+) -> NDArray[np.float32]:
     """Weights of the visible triangle's corners 0, 1 and 2 at every pixel centre.
 
     Args:
         packed: int64 [H, W], as ``visibility`` leaves it.
         positions: float32 [V, 4], the clip-space positions that it was drawn from.
         triangles: int32 [T, 3].
+        arithmetic: the rung of the precision ladder that it was drawn with.
 
     Returns:
         float32 [H, W, 3]; 0 on the background.
     """
-    covered = _covered(packed, positions, triangles)
+    covered = _covered(packed, positions, triangles, arithmetic)
     result = np.zeros((packed.size, 3), np.float32)
     result[covered.pixel[:, None], covered.corner] = covered.weight
     return result.reshape(*packed.shape, 3)
 
 
+@default_float_mode
 def interpolate(
     packed: NDArray[np.int64],
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],
     attributes: NDArray[np.float32],
+    arithmetic: Arithmetic = EXACT,
 ) -> NDArray[np.float32]:
     """Perspective-correct vertex attributes at every pixel centre.
 
@@ -51,11 +62,12 @@ def interpolate(
         positions: float32 [V, 4], the clip-space positions that it was drawn from.
         triangles: int32 [T, 3].
         attributes: float32 [V, C].
+        arithmetic: the rung of the precision ladder that it was drawn with.
 
     Returns:
         float32 [H, W, C]; 0 on the background.
     """
-    covered = _covered(packed, positions, triangles)
+    covered = _covered(packed, positions, triangles, arithmetic)
     channels = attributes.shape[1]
     result = np.zeros((packed.size, channels), np.float32)
     term = [covered.weight[:, m, None] * attributes[covered.vertex[:, m]] for m in range(3)]
@@ -63,23 +75,27 @@ def interpolate(
     return result.reshape(*packed.shape, channels)
 
 
-def _covered(packed: NDArray[np.int64], positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> _Covered:
+def _covered(
+    packed: NDArray[np.int64], positions: NDArray[np.float32], triangles: NDArray[np.int32], arithmetic: Arithmetic
+) -> _Covered:
     # What names none of these triangles was not drawn from them: it reads as background.
     known = (packed & 0xFFFFFFFF) < len(triangles)
-    records, record_index = resolve(np.where(known, packed, BACKGROUND), positions, triangles)
+    records, record_index = resolve(np.where(known, packed, BACKGROUND), positions, triangles, arithmetic)
     flat = record_index.reshape(-1)
     pixel = np.flatnonzero(flat >= 0)
     index = flat[pixel]
-    weight = _slot_weights(records, index, pixel % packed.shape[1], pixel // packed.shape[1])
+    weight = _slot_weights(records, index, pixel % packed.shape[1], pixel // packed.shape[1], arithmetic)
     corner = records.corner[index]
     vertex = np.take_along_axis(triangles[records.triangle[index]], corner, axis=1)
     return _Covered(pixel, vertex, corner, weight)
 
 
-def _slot_weights(records: Records, index: NDArray[np.int64], x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.float32]:
+def _slot_weights(
+    records: Records, index: NDArray[np.int64], x: NDArray[np.int64], y: NDArray[np.int64], arithmetic: Arithmetic
+) -> NDArray[np.float32]:
     """float32 [P, 3]: the weights b of record ``index[p]``'s slots at the centre of pixel (x[p], y[p])."""
     area = records.area[index].astype(np.float64)
-    edges = edge_values(edges_of(records.xy[index]), x, y).astype(np.float64)
+    edges = edge_values(edges_of(records.xy[index]), x, y, arithmetic).astype(np.float64)
     screen = [edges[:, k] / area for k in range(3)]
     w = records.w[index]
     clipped = records.clipped[index]

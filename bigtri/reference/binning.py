@@ -5,16 +5,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
 from .numerics import BIN, LARGE_THRESHOLD, edges_of, ramp, rise, stepped_values
 from .records import Bins, Records
 
 
-def binning(records: Records, threshold: int = LARGE_THRESHOLD) -> Bins:
+@default_float_mode
+def binning(records: Records, threshold: int = LARGE_THRESHOLD, arithmetic: Arithmetic = EXACT) -> Bins:
     """Lists the bins of every large record's bbox and keeps those that no edge rejects.
 
     Args:
         records: N records.
         threshold: records with more pixels than this in their bbox are large, the others small.
+        arithmetic: the rung of the precision ladder.
 
     Returns:
         ``candidates`` int32 [C, 3] of (record, bin column, bin row), sorted by (record, bin row, bin column), ``kept`` bool [C],
@@ -23,7 +27,8 @@ def binning(records: Records, threshold: int = LARGE_THRESHOLD) -> Bins:
     large = bbox_pixels(records) > threshold
     candidates = _candidates(np.flatnonzero(large), records.bbox[large].astype(np.int64))
     edges = edges_of(records.xy[candidates[:, 0]])
-    highest = stepped_values(edges, BIN * candidates[:, 1], BIN * candidates[:, 2]) + rise(edges, BIN)
+    first = stepped_values(edges, BIN * candidates[:, 1], BIN * candidates[:, 2], arithmetic)
+    highest = first + rise(edges, BIN)
     return Bins(candidates.astype(np.int32), (highest >= 0).all(axis=1), np.flatnonzero(~large).astype(np.int32))
 
 

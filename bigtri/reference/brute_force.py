@@ -1,6 +1,6 @@
 """The oracle's oracle: one triangle and one pixel at a time, in Python's own integers, fractions and floats.
 
-It shares no code with the other stages, on purpose, and goes another way wherever the specification allows one:
+It shares no formula with the other stages, on purpose, and goes another way wherever the specification allows one:
 
 * ``records`` follows docs/numerics.md section 2 step by step. Snapping and clipping are *defined* by their float64 operations,
   so an exact rational result would be a wrong one; Python's floats are float64 and round every operation once.
@@ -21,6 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
+
 Vector = tuple[float, ...]
 Point = tuple[int, int]
 Plane = tuple[tuple[int, float], tuple[int, float]]  # two (component of a position, coefficient)
@@ -31,7 +34,7 @@ class Record(NamedTuple):
     """One oriented (sub)triangle; the fields are those of ``Records``."""
 
     triangle: int
-    xy: tuple[Point, Point, Point]  # subpx
+    xy: tuple[Point, Point, Point]  # subpx, the rung's sub-pixel unit
     z: Vector  # 3 window depths, float32 values
     area: int
     bbox: tuple[int, int, int, int]  # px
@@ -51,6 +54,7 @@ class _Vertex(NamedTuple):
 # --- Setup -------------------------------------------------------------------------------------------------------------------
 
 
+@default_float_mode
 def records(
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],
@@ -58,6 +62,7 @@ def records(
     width: int,
     cull: str = "none",
     scissor: tuple[int, int, int, int] | None = None,
+    arithmetic: Arithmetic = EXACT,
 ) -> tuple[list[Record], int]:
     """The records of ``triangles`` [T, 3] in order, and the number of triangles dropped for a NaN or an infinity."""
     result: list[Record] = []
@@ -67,17 +72,18 @@ def records(
         if not all(isfinite(c) for corner in corners for c in corner):
             dropped += 1
             continue
-        for sub in _sub_triangles(corners, height, width):
+        for sub in _sub_triangles(corners, height, width, arithmetic):
             xy, z, w, corner, weights, clipped = sub
-            record = _oriented(index, xy, z, w, corner, weights, clipped, _window(height, width, scissor), cull)
+            window = _window(height, width, scissor)
+            record = _oriented(index, xy, z, w, corner, weights, clipped, window, cull, arithmetic)
             if record is not None:
                 result.append(record)
     return result, dropped
 
 
-def _sub_triangles(corners: list[Vector], height: int, width: int) -> list[tuple[Any, ...]]:
+def _sub_triangles(corners: list[Vector], height: int, width: int, arithmetic: Arithmetic) -> list[tuple[Any, ...]]:
     """Lists (snapped vertices, depths, w, corner, weights, clipped), not yet oriented."""
-    planes = _planes(height, width)
+    planes = _planes(height, width, arithmetic)
     outside = {name: [_distance(plane, c) < 0 for c in corners] for name, plane in planes.items()}
     if any(all(flags) for flags in outside.values()):
         return []
@@ -85,7 +91,7 @@ def _sub_triangles(corners: list[Vector], height: int, width: int) -> list[tuple
     if not any(any(flags) for flags in outside.values()):
         if min(c[3] for c in corners) <= 0:
             return []
-        xy = [_snap(c, height, width) for c in corners]
+        xy = [_snap(c, height, width, arithmetic) for c in corners]
         return [(xy, [_depth32(c) for c in corners], [c[3] for c in corners], (0, 1, 2), unit, False)]
 
     first = corners.index(min(corners))
@@ -98,7 +104,7 @@ def _sub_triangles(corners: list[Vector], height: int, width: int) -> list[tuple
     if len(polygon) < 3 or min(v.position[3] for v in polygon) <= 0:
         return []
 
-    snapped = [(*_snap_made(v, height, width), _depth_made(v), v.position[3]) for v in polygon]  # X, Y, z, w
+    snapped = [(*_snap_made(v, height, width, arithmetic), _depth_made(v), v.position[3]) for v in polygon]  # X, Y, z, w
     start = snapped.index(min(snapped))
     fan = []
     for k in range(1, len(polygon) - 1):
@@ -109,9 +115,9 @@ def _sub_triangles(corners: list[Vector], height: int, width: int) -> list[tuple
     return fan
 
 
-def _planes(height: int, width: int) -> dict[str, Plane]:
+def _planes(height: int, width: int, arithmetic: Arithmetic) -> dict[str, Plane]:
     """By name, the two (component, coefficient) of each plane, in their order."""
-    w, h, guard = 128.0 * width, 128.0 * height, 2.0**23
+    w, h, guard = float(arithmetic.half * width), float(arithmetic.half * height), float(arithmetic.guard)
     return {
         "near": ((2, 1.0), (3, 1.0)),
         "x-": ((0, w), (3, w + guard)),
@@ -164,9 +170,9 @@ def _meet(p: _Vertex, q: _Vertex, plane: Plane) -> tuple[Vector, Vector]:
     return tuple(ldexp(c if dp >= 0 else -c, -exponent) for c in position), tuple(ldexp(c, -exponent) for c in weights)
 
 
-def _snap(position: Vector, height: int, width: int) -> Point:
+def _snap(position: Vector, height: int, width: int, arithmetic: Arithmetic) -> Point:
     x, y, _, w = position
-    cx, cy, guard = 128 * width, 128 * height, 2**23
+    cx, cy, guard = arithmetic.half * width, arithmetic.half * height, arithmetic.guard
     return (
         min(max(cx + _nearest(x / w * cx), -guard), guard - 1),
         min(max(cy - _nearest(y / w * cy), -guard), guard - 1),
@@ -178,9 +184,9 @@ def _nearest(value: float) -> int:
     return round(min(max(value, -1e30), 1e30))
 
 
-def _snap_made(vertex: _Vertex, height: int, width: int) -> Point:
-    x, y = _snap(vertex.position, height, width)
-    low, high = -(2**23), 2**23 - 1
+def _snap_made(vertex: _Vertex, height: int, width: int, arithmetic: Arithmetic) -> Point:
+    x, y = _snap(vertex.position, height, width, arithmetic)
+    low, high = -arithmetic.guard, arithmetic.guard - 1
     x = low if "x-" in vertex.made else high if "x+" in vertex.made else x
     y = low if "y-" in vertex.made else high if "y+" in vertex.made else y
     return x, y
@@ -221,15 +227,16 @@ def _oriented(
     clipped: bool,
     window: tuple[int, int, int, int],
     cull: str,
+    arithmetic: Arithmetic,
 ) -> Record | None:
     area = _determinant(xy[0], xy[1], xy[2])
     if area == 0 or (cull == "back" and area > 0) or (cull == "front" and area < 0):
         return None
     bbox = (
-        max(_pixels_before(min(x for x, _ in xy)), window[0]),
-        max(_pixels_before(min(y for _, y in xy)), window[1]),
-        min(_pixels_before(max(x for x, _ in xy) + 1), window[2]),
-        min(_pixels_before(max(y for _, y in xy) + 1), window[3]),
+        max(_pixels_before(min(x for x, _ in xy), arithmetic), window[0]),
+        max(_pixels_before(min(y for _, y in xy), arithmetic), window[1]),
+        min(_pixels_before(max(x for x, _ in xy) + 1, arithmetic), window[2]),
+        min(_pixels_before(max(y for _, y in xy) + 1, arithmetic), window[3]),
     )
     if bbox[0] >= bbox[2] or bbox[1] >= bbox[3]:
         return None
@@ -250,9 +257,14 @@ def _oriented(
     )
 
 
-def _pixels_before(coordinate: int) -> int:
-    """The index of the first pixel whose centre is not before ``coordinate`` (subpx): ceil((coordinate - 128) / 256)."""
-    return -((128 - coordinate) // 256)
+def _pixels_before(coordinate: int, arithmetic: Arithmetic) -> int:
+    """The first pixel whose centre is not before ``coordinate``, subpx: ceil((coordinate - half) / subpixel)."""
+    return -((arithmetic.half - coordinate) // arithmetic.subpixel)
+
+
+def _centre(px: int, py: int, arithmetic: Arithmetic) -> Point:
+    """The centre of pixel (px, py), subpx."""
+    return arithmetic.subpixel * px + arithmetic.half, arithmetic.subpixel * py + arithmetic.half
 
 
 def _determinant(a: Point, b: Point, c: Point) -> int:
@@ -263,13 +275,13 @@ def _determinant(a: Point, b: Point, c: Point) -> int:
 # --- Coverage ----------------------------------------------------------------------------------------------------------------
 
 
-def covers(record: Record, px: int, py: int) -> bool:
+def covers(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> bool:
     """Whether the centre of pixel (px, py) is inside, decided in integers.
 
     The top-left rule says: move the sample to the right by an infinitesimal step, and down by a still smaller one; then it lies
     on no edge. The sign of an edge function there is that of the first of (value, x derivative, y derivative) that is not 0.
     """
-    sample = (256 * px + 128, 256 * py + 128)
+    sample = _centre(px, py, arithmetic)
     for k in range(3):
         p, q = record.xy[(k + 1) % 3], record.xy[(k + 2) % 3]
         if (_determinant(p, q, sample), p[1] - q[1], q[0] - p[0]) < (0, 0, 0):
@@ -277,11 +289,12 @@ def covers(record: Record, px: int, py: int) -> bool:
     return True
 
 
-def coverage(record: Record, height: int, width: int) -> NDArray[np.bool_]:
+def coverage(record: Record, height: int, width: int, arithmetic: Arithmetic = EXACT) -> NDArray[np.bool_]:
     """bool [H, W]: ``covers`` at every pixel of the bbox, all at once in int64 (48 bits and a sign); False elsewhere."""
     x0, y0, x1, y1 = record.bbox
-    sx = (256 * np.arange(x0, x1, dtype=np.int64) + 128)[None, :]
-    sy = (256 * np.arange(y0, y1, dtype=np.int64) + 128)[:, None]
+    subpixel, half = arithmetic.subpixel, arithmetic.half
+    sx = (subpixel * np.arange(x0, x1, dtype=np.int64) + half)[None, :]
+    sy = (subpixel * np.arange(y0, y1, dtype=np.int64) + half)[:, None]
     inside = np.ones((y1 - y0, x1 - x0), np.bool_)
     for k in range(3):
         (ax, ay), (bx, by) = record.xy[(k + 1) % 3], record.xy[(k + 2) % 3]
@@ -295,28 +308,32 @@ def coverage(record: Record, height: int, width: int) -> NDArray[np.bool_]:
 # --- Depth -------------------------------------------------------------------------------------------------------------------
 
 
-def exact_depth(record: Record, px: int, py: int) -> Fraction:
+def exact_depth(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> Fraction:
     """The depth of the plane through the snapped vertices at the centre of pixel (px, py)."""
-    return Fraction(sum(e * Fraction(z) for e, z in zip(_edge_values(record, px, py), record.z, strict=True))) / record.area
+    values = _edge_values(record, px, py, arithmetic)
+    return Fraction(sum(e * Fraction(z) for e, z in zip(values, record.z, strict=True))) / record.area
 
 
-def depth(record: Record, px: int, py: int) -> float:
+@default_float_mode
+def depth(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> float:
     """The float32 that docs/numerics.md section 7 gives pixel (px, py), one operation after the other."""
     perimeter = sum(abs(x - u) + abs(y - v) for (x, y), (u, v) in zip(record.xy, record.xy[1:] + record.xy[:1], strict=True))
-    if 256 * perimeter > 32 * record.area:
-        z = _weighted(record, _edge_values(record, px, py))
+    if arithmetic.subpixel * perimeter > 32 * record.area:
+        z = _weighted(record, _edge_values(record, px, py, arithmetic))
     else:
         left, top = px - px % 64, py - py % 64
-        at_corner = _edge_values(record, left, top)
+        at_corner = _edge_values(record, left, top, arithmetic)
+        to_the_right = _edge_values(record, left + 1, top, arithmetic)
+        below = _edge_values(record, left, top + 1, arithmetic)
         corner = _weighted(record, at_corner)
-        dx = _weighted(record, [b - a for a, b in zip(at_corner, _edge_values(record, left + 1, top), strict=True)])
-        dy = _weighted(record, [b - a for a, b in zip(at_corner, _edge_values(record, left, top + 1), strict=True)])
+        dx = _weighted(record, [b - a for a, b in zip(at_corner, to_the_right, strict=True)])
+        dy = _weighted(record, [b - a for a, b in zip(at_corner, below, strict=True)])
         z = (corner + dy * (py - top)) + dx * (px - left)
     return min(max(_round32(z), min(record.z)), max(record.z)) + 0.0
 
 
-def _edge_values(record: Record, px: int, py: int) -> list[int]:
-    sample = (256 * px + 128, 256 * py + 128)
+def _edge_values(record: Record, px: int, py: int, arithmetic: Arithmetic) -> list[int]:
+    sample = _centre(px, py, arithmetic)
     return [_determinant(record.xy[(k + 1) % 3], record.xy[(k + 2) % 3], sample) for k in range(3)]
 
 
@@ -328,6 +345,7 @@ def _weighted(record: Record, g: Sequence[int]) -> float:
 # --- The visibility buffer ---------------------------------------------------------------------------------------------------
 
 
+@default_float_mode
 def rasterize(
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],
@@ -335,16 +353,17 @@ def rasterize(
     width: int,
     cull: str = "none",
     scissor: tuple[int, int, int, int] | None = None,
+    arithmetic: Arithmetic = EXACT,
 ) -> tuple[NDArray[np.int64], int]:
     """int64 [H, W], the packed depth and triangle of every pixel, and the number of dropped triangles.
 
     Fragments are compared as pairs of numbers (depth, triangle); their bits are packed only at the end.
     """
-    drawn, dropped = records(positions, triangles, height, width, cull, scissor)
+    drawn, dropped = records(positions, triangles, height, width, cull, scissor, arithmetic)
     nearest: dict[Point, tuple[float, int]] = {}
     for record in drawn:
-        for py, px in np.argwhere(coverage(record, height, width)).tolist():
-            z = depth(record, px, py)
+        for py, px in np.argwhere(coverage(record, height, width, arithmetic)).tolist():
+            z = depth(record, px, py, arithmetic)
             if z <= 1:
                 nearest[px, py] = min(nearest.get((px, py), (inf, 0)), (z, record.triangle))
     packed = np.full((height, width), NOTHING, np.int64)
@@ -389,15 +408,16 @@ def _integral(a: Fraction, b: Fraction, c: Fraction) -> HalfPlane:
     return HalfPlane(int(a * scale), int(b * scale), int(c * scale))
 
 
-def true_side(half_planes: list[HalfPlane], px: int, py: int) -> int:
-    """1: the pixel's centre is inside of every border by more than 1/256 px; -1: outside of one by more than that; else 0."""
-    return min((_side(half_plane, px, py) for half_plane in half_planes), default=-1)
+def true_side(half_planes: list[HalfPlane], px: int, py: int, arithmetic: Arithmetic = EXACT) -> int:
+    """1: the pixel's centre is inside of every border by more than 1 subpx; -1: outside of one by more; else 0."""
+    return min((_side(half_plane, px, py, arithmetic.half) for half_plane in half_planes), default=-1)
 
 
-def _side(half_plane: HalfPlane, px: int, py: int) -> int:
+def _side(half_plane: HalfPlane, px: int, py: int, half: int) -> int:
     a, b, c = half_plane
     twice = a * (2 * px + 1) + b * (2 * py + 1) + 2 * c
-    if twice * twice * 128 * 128 <= a * a + b * b:  # distance = |twice| / 2 / sqrt(a^2 + b^2)
+    # The distance is |twice| / 2 / sqrt(a^2 + b^2) px, and a subpx is 1 / (2 * half) px.
+    if (twice * half) ** 2 <= a * a + b * b:
         return 0
     return 1 if twice > 0 else -1
 

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..precision import EXACT, Arithmetic
 from .exact import rounded_sum, two_product, two_sum
-from .numerics import GUARD, HALF
 
 X, Y, Z, W = range(4)
 NEAR, X_LOW, X_HIGH, Y_LOW, Y_HIGH, DEPTH = range(6)
@@ -48,18 +48,20 @@ class Polygons(NamedTuple):
     made: NDArray[np.uint8]  # [M], set of the planes that made it; 0 for an original vertex
 
 
-def clip_planes(height: int, width: int) -> tuple[Plane, ...]:
+def clip_planes(height: int, width: int, arithmetic: Arithmetic = EXACT) -> tuple[Plane, ...]:
     """The six planes in the order of the specification.
 
-    The guard planes say that 128W * (x/w + 1), the snapped X, lies in [-2^23, 2^23 - 1], and the same for Y, which points down.
+    The guard planes say that half * W * (x/w + 1), the snapped X, lies in [-guard, guard - 1], and the same for Y, which points
+    down; half and guard are those of the rung.
     """
-    half_w, half_h = float(HALF * width), float(HALF * height)
+    half_w, half_h = float(arithmetic.half * width), float(arithmetic.half * height)
+    guard = arithmetic.guard
     return (
         Plane(Z, 1.0, W, 1.0),
-        Plane(X, half_w, W, half_w + GUARD),
-        Plane(W, GUARD - 1 - half_w, X, -half_w),
-        Plane(W, half_h + GUARD, Y, -half_h),
-        Plane(W, GUARD - 1 - half_h, Y, half_h),
+        Plane(X, half_w, W, half_w + guard),
+        Plane(W, guard - 1 - half_w, X, -half_w),
+        Plane(W, half_h + guard, Y, -half_h),
+        Plane(W, guard - 1 - half_h, Y, half_h),
         Plane(W, 4.0, Z, -1.0),  # keeps z/w finite
     )
 

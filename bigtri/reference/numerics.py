@@ -1,6 +1,7 @@
 """The constants and the few formulas that more than one stage needs; docs/numerics.md sections 1 and 3.
 
-"px" is a pixel, "subpx" is 1/256 px. Bit widths are stated where they matter: everything here is int64 and stays below 2^52.
+"px" is a pixel, "subpx" the rung's sub-pixel unit, 1/256 px of `exact`. Bit widths are those of `exact`, the widest: everything
+here is int64 and stays below 2^52.
 """
 
 from __future__ import annotations
@@ -10,10 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-SUBPIXEL_BITS = 8
-SUBPIXEL = 1 << SUBPIXEL_BITS  # subpx per px
-HALF = SUBPIXEL // 2  # a pixel centre lies half a pixel into its pixel, subpx
-GUARD = 1 << 23  # snapped coordinates lie in [-GUARD, GUARD - 1] subpx, 2^15 px to either side of the screen's corner
+from ..precision import EXACT, Arithmetic
+
 MAX_SIZE = 16384  # px; 2^14, so that the whole screen lies in the inner half of the guard band
 MAX_TEXTURE = 65536  # px a side; texel coordinates stay exact in float32 and int32
 BIN = 64  # px; the largest power of two for which the edge function fits int32 inside a bin that the edge crosses
@@ -21,7 +20,7 @@ TILE = 8  # px; a bin's 8x8 tiles fill the 64 bits of one mask
 TILES = BIN // TILE  # tiles per bin and direction
 LARGE_THRESHOLD = 4000  # px of bbox; about one bin (64 * 64 = 4096): below it, a record is not worth a queue entry
 BACKGROUND = 2**63 - 1  # the largest int64: loses against every fragment, whether compared as signed or as unsigned
-THIN_RATIO = 32  # thin: 256 * sum(|dx| + |dy|) > 32 * A, a height of less than about 1/16 px
+THIN_RATIO = 32  # thin: s * sum(|dx| + |dy|) > 32 * A with s subpx a px, a height of less than about 1/16 px
 
 
 class Edges(NamedTuple):
@@ -44,22 +43,25 @@ def edges_of(xy: NDArray[np.int32]) -> Edges:
     return Edges(x, y, dx, dy, owns.astype(np.int64) - 1)
 
 
-def edge_values(edges: Edges, px: NDArray[np.int64], py: NDArray[np.int64]) -> NDArray[np.int64]:
+def edge_values(edges: Edges, px: NDArray[np.int64], py: NDArray[np.int64], arithmetic: Arithmetic = EXACT) -> NDArray[np.int64]:
     """The unbiased edge functions e_k [..., 3] at the centres of the pixels (px, py) [...].
 
     In subpx^2. Two products of a 25 bit difference and a 25 bit difference: 51 bits and a sign, exact in float64 too.
     """
-    sample_x = SUBPIXEL * np.asarray(px, np.int64)[..., None] + HALF
-    sample_y = SUBPIXEL * np.asarray(py, np.int64)[..., None] + HALF
+    sample_x = arithmetic.subpixel * np.asarray(px, np.int64)[..., None] + arithmetic.half
+    sample_y = arithmetic.subpixel * np.asarray(py, np.int64)[..., None] + arithmetic.half
     return edges.dx * (sample_y - edges.y) - edges.dy * (sample_x - edges.x)
 
 
-def stepped_values(edges: Edges, px: NDArray[np.int64], py: NDArray[np.int64]) -> NDArray[np.int64]:
-    """f = floor((e + bias) / 256) [..., 3] at the centres of the pixels (px, py) [...]; covered where all three are >= 0.
+def stepped_values(
+    edges: Edges, px: NDArray[np.int64], py: NDArray[np.int64], arithmetic: Arithmetic = EXACT
+) -> NDArray[np.int64]:
+    """f = floor((e + bias) / s) [..., 3] at the centres of the pixels (px, py) [...]; covered where all three are >= 0.
 
-    A step of one pixel changes e by a multiple of 256, hence f by exactly -dy in x and +dx in y.
+    s is the number of subpx in a px. A step of one pixel changes e by a multiple of s, hence f by exactly -dy in x and +dx
+    in y.
     """
-    return (edge_values(edges, px, py) + edges.bias) >> SUBPIXEL_BITS
+    return (edge_values(edges, px, py, arithmetic) + edges.bias) >> arithmetic.subpixel_bits
 
 
 def rise(edges: Edges, size: int) -> NDArray[np.int64]:

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..precision import EXACT, Arithmetic
 from .binning import bbox_bins, binning
 from .depth import depth
+from .float_mode import default_float_mode
 from .numerics import BIN, LARGE_THRESHOLD
 from .records import Records
 from .scanline import scanline
@@ -23,6 +25,7 @@ _ROWS = 1 << 16
 _FRAGMENTS = 1 << 18
 
 
+@default_float_mode
 def rasterize(
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],
@@ -31,6 +34,7 @@ def rasterize(
     cull: str = "none",
     scissor: Scissor | None = None,
     threshold: int = LARGE_THRESHOLD,
+    arithmetic: Arithmetic = EXACT,
 ) -> tuple[NDArray[np.int64], int]:
     """Draws triangles into a visibility buffer.
 
@@ -41,32 +45,33 @@ def rasterize(
         cull: "none", "back" or "front": the faces that are not drawn.
         scissor: x0, y0, x1, y1, px, half-open: the part of the image that is drawn to.
         threshold: records with more pixels than this in their bbox go through bins; it changes no bit of the result.
+        arithmetic: the rung of the precision ladder.
 
     Returns:
         int64 [H, W]: ``(depth bits << 32) | triangle`` of the nearest fragment, 2^63 - 1 on the background.
         The number of triangles dropped for a NaN or an infinity.
     """
-    all_records, dropped = setup(positions, triangles, height, width, cull, scissor)
+    all_records, dropped = setup(positions, triangles, height, width, cull, scissor, arithmetic)
     packed = background(height, width)
     for chunk in _batches(bbox_bins(all_records), _BINS):
         records = Records(*(field[chunk] for field in all_records))
-        for spans in _spans(records, threshold):
+        for spans in _spans(records, threshold, arithmetic):
             for part in _batches(spans[:, 3] - spans[:, 2], _FRAGMENTS):
-                merge(packed, records, spans[part], depth(records, spans[part]))
+                merge(packed, records, spans[part], depth(records, spans[part], arithmetic))
     return packed, dropped
 
 
-def _spans(records: Records, threshold: int) -> Iterator[NDArray[np.int32]]:
+def _spans(records: Records, threshold: int, arithmetic: Arithmetic) -> Iterator[NDArray[np.int32]]:
     """The spans of all records, int32 [S, 4] at a time."""
-    bins = binning(records, threshold)
+    bins = binning(records, threshold, arithmetic)
     queue = bins.candidates[bins.kept]
     none_queued, none_touched, none_small = queue[:0], np.zeros(0, np.int64), bins.small[:0]
     for part in _batches(np.full(len(queue), BIN), _ROWS):
-        touched, _ = tile_mask(records, queue[part])
-        yield scanline(records, queue[part], touched, none_small)
+        touched, _ = tile_mask(records, queue[part], arithmetic)
+        yield scanline(records, queue[part], touched, none_small, arithmetic)
     rows = records.bbox[bins.small, 3] - records.bbox[bins.small, 1]
     for part in _batches(rows, _ROWS):
-        yield scanline(records, none_queued, none_touched, bins.small[part])
+        yield scanline(records, none_queued, none_touched, bins.small[part], arithmetic)
 
 
 def _batches(cost: NDArray[np.int_], limit: int) -> Iterator[slice]:

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 class Records(NamedTuple):
     """One entry per (sub)triangle that may cover a pixel, in the order of (triangle, fan position); docs/numerics.md 2.4.
 
-    The fields are NumPy arrays, whichever backend made them. "subpx" is 1/256 px.
+    The fields are NumPy arrays, whichever backend made them. "subpx" is the rung's sub-pixel unit,
+    1/256 px of `exact`.
     """
 
     triangle: Any  # int32 [N], index of the parent triangle

@@ -5,12 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
 from .numerics import BIN, TILE, TILES, edges_of, ramp, stepped_values
 from .records import Records
 
 
+@default_float_mode
 def scanline(
-    records: Records, queue: NDArray[np.int32], touched: NDArray[np.int64], small: NDArray[np.int32]
+    records: Records,
+    queue: NDArray[np.int32],
+    touched: NDArray[np.int64],
+    small: NDArray[np.int32],
+    arithmetic: Arithmetic = EXACT,
 ) -> NDArray[np.int32]:
     """Finds where each row of pixels enters and leaves each record, by division: no pixel is tested by itself.
 
@@ -19,19 +26,23 @@ def scanline(
         queue: int32 [Q, 3], (record, bin column, bin row).
         touched: int64 [Q], bit ``8 * row + column`` for each tile to look at.
         small: int32 [M], records that are looked at row by row of their bbox.
+        arithmetic: the rung of the precision ladder.
 
     Returns:
         int32 [S, 4]: nonempty spans (record, y, lower, upper), px, half-open; first those of the queue by (entry, tile bit,
         row), then those of the small records by (record, row).
     """
-    return np.concatenate([_queue_spans(records, queue, touched), _small_spans(records, small)]).astype(np.int32)
+    of_queue, of_small = _queue_spans(records, queue, touched, arithmetic), _small_spans(records, small, arithmetic)
+    return np.concatenate([of_queue, of_small]).astype(np.int32)
 
 
-def _queue_spans(records: Records, queue: NDArray[np.int32], touched: NDArray[np.int64]) -> NDArray[np.int64]:
+def _queue_spans(
+    records: Records, queue: NDArray[np.int32], touched: NDArray[np.int64], arithmetic: Arithmetic
+) -> NDArray[np.int64]:
     """int64 [S, 4]: a span of each row of a bin, cut up into tiles."""
     record, column, row = queue.astype(np.int64).T  # [Q]
     y = BIN * row[:, None] + np.arange(BIN)  # [Q, 64]
-    lower, upper = _row_spans(records, np.repeat(record, BIN), y.reshape(-1))  # [Q * 64]
+    lower, upper = _row_spans(records, np.repeat(record, BIN), y.reshape(-1), arithmetic)  # [Q * 64]
 
     shape = (len(queue), TILES, TILES, TILE)  # entry, tile row, tile column, row in the tile: the order of the output
     by_row = (len(queue), TILES, 1, TILE)
@@ -44,17 +55,19 @@ def _queue_spans(records: Records, queue: NDArray[np.int32], touched: NDArray[np
     return np.stack([np.broadcast_to(v, shape)[covered] for v in (record, y, lower, upper)], axis=1)
 
 
-def _small_spans(records: Records, small: NDArray[np.int32]) -> NDArray[np.int64]:
+def _small_spans(records: Records, small: NDArray[np.int32], arithmetic: Arithmetic) -> NDArray[np.int64]:
     """int64 [S, 4]: a span per row of each record's bbox."""
     y0, y1 = records.bbox[small, 1].astype(np.int64), records.bbox[small, 3].astype(np.int64)
     record = np.repeat(small, y1 - y0).astype(np.int64)
     y = np.repeat(y0, y1 - y0) + ramp(y1 - y0)
-    lower, upper = _row_spans(records, record, y)
+    lower, upper = _row_spans(records, record, y, arithmetic)
     covered = lower < upper
     return np.stack([record[covered], y[covered], lower[covered], upper[covered]], axis=1)
 
 
-def _row_spans(records: Records, record: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _row_spans(
+    records: Records, record: NDArray[np.int64], y: NDArray[np.int64], arithmetic: Arithmetic
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """[lower, upper) int64 [R], px: record[i]'s covered pixels on row y[i], cut to its bbox; lower >= upper where there are none.
 
     A pixel x is covered where f - dy * x >= 0 for all three edges, f being the value at pixel 0 of the row. Hence
@@ -64,7 +77,7 @@ def _row_spans(records: Records, record: NDArray[np.int64], y: NDArray[np.int64]
     """
     left, top, right, bottom = records.bbox[record].astype(np.int64).T[..., None]  # [R, 1] each
     edges = edges_of(records.xy[record])
-    f = stepped_values(edges, np.zeros_like(y), y)  # [R, 3]
+    f = stepped_values(edges, np.zeros_like(y), y, arithmetic)  # [R, 3]
     quotient = f // np.maximum(np.abs(edges.dy), 1)  # floor, also of negative numbers
     lower = np.where(edges.dy < 0, -quotient, left).max(axis=1)
     upper = np.where(edges.dy > 0, quotient + 1, right).min(axis=1)

@@ -7,8 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..precision import EXACT, Arithmetic
 from .clip import NEAR, X_HIGH, X_LOW, Y_HIGH, Y_LOW, Polygons, W, X, Y, Z, clip, clip_planes
-from .numerics import GUARD, HALF, SUBPIXEL, SUBPIXEL_BITS, ramp
+from .float_mode import default_float_mode
+from .numerics import ramp
 from .records import Records
 
 Scissor = tuple[int, int, int, int]  # x0, y0, x1, y1, px, half-open
@@ -26,6 +28,7 @@ class _Snapped(NamedTuple):
     clipped: NDArray[np.bool_]  # [N]
 
 
+@default_float_mode
 def setup(
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],
@@ -33,6 +36,7 @@ def setup(
     width: int,
     cull: str = "none",
     scissor: Scissor | None = None,
+    arithmetic: Arithmetic = EXACT,
 ) -> tuple[Records, int]:
     """Clips, projects, snaps, orients and culls triangles.
 
@@ -42,13 +46,14 @@ def setup(
         height, width: the image's size, px.
         cull: "none", "back" or "front": the faces that are not drawn.
         scissor: x0, y0, x1, y1, px, half-open: the part of the image that is drawn to.
+        arithmetic: the rung of the precision ladder.
 
     Returns:
         The records in the order of (triangle, fan position), and the number of triangles dropped for a NaN or an infinity.
     """
     corners = positions[triangles]  # f32 [T, 3, 4]
     finite: NDArray[np.bool_] = np.all(np.isfinite(corners), axis=(1, 2))
-    planes = clip_planes(height, width)
+    planes = clip_planes(height, width, arithmetic)
     with np.errstate(invalid="ignore"):  # of triangles that are dropped
         inside = np.stack([plane.distance(corners.astype(np.float64)) >= 0 for plane in planes], axis=-1)  # [T, 3, 6]
     candidate = finite & np.all(np.any(inside, axis=1), axis=1)  # not wholly outside one plane
@@ -56,23 +61,25 @@ def setup(
 
     # Inside all planes w >= 0, and w = 0 only at the origin of clip space, which is nowhere on the screen.
     whole = np.flatnonzero(candidate & uncut & (corners[:, :, W] > 0).all(axis=1))
-    parts = [_snap_whole(whole, corners[whole], height, width)]
+    parts = [_snap_whole(whole, corners[whole], height, width, arithmetic)]
     cut = np.flatnonzero(candidate & ~uncut)
     if cut.size:
         polygons, corner = clip(corners[cut].astype(np.float64), planes)
-        parts.append(_snap_polygons(cut, polygons, corner, height, width))
+        parts.append(_snap_polygons(cut, polygons, corner, height, width, arithmetic))
     fields: list[Any] = [np.concatenate(field) for field in zip(*parts, strict=True)]
     order = np.argsort(fields[0], kind="stable")  # by triangle; stable: sub-triangles stay in fan order
     snapped = _Snapped(*(field[order] for field in fields))
-    return _records(snapped, height, width, cull, scissor), int(len(finite) - finite.sum())
+    return _records(snapped, height, width, cull, scissor, arithmetic), int(len(finite) - finite.sum())
 
 
-def _snap_whole(triangle: NDArray[np.int64], corners: NDArray[np.float32], height: int, width: int) -> _Snapped:
+def _snap_whole(
+    triangle: NDArray[np.int64], corners: NDArray[np.float32], height: int, width: int, arithmetic: Arithmetic
+) -> _Snapped:
     """Triangles ``corners`` [N, 3, 4] that no plane cuts."""
     count = len(triangle)
     return _Snapped(
         triangle,
-        _snap(corners.astype(np.float64), height, width),
+        _snap(corners.astype(np.float64), height, width, arithmetic),
         _window_depth(corners[..., Z], corners[..., W]),  # float32 throughout
         corners[..., W].astype(np.float64),
         corner=np.tile(np.arange(3), (count, 1)),
@@ -81,22 +88,28 @@ def _snap_whole(triangle: NDArray[np.int64], corners: NDArray[np.float32], heigh
     )
 
 
-def _snap(position: NDArray[np.float64], height: int, width: int) -> NDArray[np.int64]:
+def _snap(position: NDArray[np.float64], height: int, width: int, arithmetic: Arithmetic) -> NDArray[np.int64]:
     """int64 [..., 2]: clip-space ``position`` [..., 4], w > 0, on the sub-pixel grid, y down, within the guard band."""
-    half_w, half_h = HALF * width, HALF * height  # the viewport's centre, subpx
+    half_w, half_h = arithmetic.half * width, arithmetic.half * height  # the viewport's centre, subpx
+    guard = arithmetic.guard
     with np.errstate(over="ignore"):  # infinity is clamped too
         x = np.rint(position[..., X] / position[..., W] * half_w)
         y = np.rint(position[..., Y] / position[..., W] * half_h)
-    x = np.clip(x, -GUARD - half_w, GUARD - 1 - half_w).astype(np.int64)
-    y = np.clip(y, half_h - GUARD + 1, half_h + GUARD).astype(np.int64)
+    x = np.clip(x, -guard - half_w, guard - 1 - half_w).astype(np.int64)
+    y = np.clip(y, half_h - guard + 1, half_h + guard).astype(np.int64)
     return np.stack([half_w + x, half_h - y], axis=-1)
 
 
 def _snap_polygons(
-    triangle: NDArray[np.int64], polygons: Polygons, corner: NDArray[np.int64], height: int, width: int
+    triangle: NDArray[np.int64],
+    polygons: Polygons,
+    corner: NDArray[np.int64],
+    height: int,
+    width: int,
+    arithmetic: Arithmetic,
 ) -> _Snapped:
     """The fans of clipped ``polygons``; ``triangle`` [C] and ``corner`` [C, 3] are by owner."""
-    xy = _snap_clipped(polygons, height, width)  # [M, 2]
+    xy = _snap_clipped(polygons, height, width, arithmetic)  # [M, 2]
     z = _clipped_depth(polygons)  # [M]
     w = polygons.position[:, W]
     fan = _fans(polygons.owner, xy, z, w)  # [N, 3]
@@ -106,10 +119,11 @@ def _snap_polygons(
     )
 
 
-def _snap_clipped(polygons: Polygons, height: int, width: int) -> NDArray[np.int64]:
+def _snap_clipped(polygons: Polygons, height: int, width: int, arithmetic: Arithmetic) -> NDArray[np.int64]:
     """int64 [M, 2]: ``_snap``, but a vertex that a guard plane made lies on that plane exactly."""
-    xy = _snap(polygons.position, height, width)
-    for plane, axis, value in ((X_LOW, 0, -GUARD), (X_HIGH, 0, GUARD - 1), (Y_LOW, 1, -GUARD), (Y_HIGH, 1, GUARD - 1)):
+    xy = _snap(polygons.position, height, width, arithmetic)
+    low, high = -arithmetic.guard, arithmetic.guard - 1
+    for plane, axis, value in ((X_LOW, 0, low), (X_HIGH, 0, high), (Y_LOW, 1, low), (Y_HIGH, 1, high)):
         xy[_made_by(polygons, plane), axis] = value
     return xy
 
@@ -148,10 +162,10 @@ def _fans(owner: NDArray[np.int64], xy: NDArray[np.int64], z: NDArray[np.float32
     return np.stack([start + (first + offset) % size for offset in (0 * k, k + 1, k + 2)], axis=1)
 
 
-def _records(snapped: _Snapped, height: int, width: int, cull: str, scissor: Scissor | None) -> Records:
+def _records(snapped: _Snapped, height: int, width: int, cull: str, scissor: Scissor | None, arithmetic: Arithmetic) -> Records:
     """Orients the triangles, and leaves out those that are culled, have no area, or whose bbox holds no pixel."""
     area = _twice_area(snapped.xy)
-    bbox = _bbox(snapped.xy, height, width, scissor)
+    bbox = _bbox(snapped.xy, height, width, scissor, arithmetic)
     drawn = (area != 0) & (bbox[:, 0] < bbox[:, 2]) & (bbox[:, 1] < bbox[:, 3])
     if cull == "back":
         drawn &= area < 0  # y points down: clockwise is positive
@@ -182,11 +196,12 @@ def _twice_area(xy: NDArray[np.int64]) -> NDArray[np.int64]:
     return ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
 
 
-def _bbox(xy: NDArray[np.int64], height: int, width: int, scissor: Scissor | None) -> NDArray[np.int64]:
+def _bbox(xy: NDArray[np.int64], height: int, width: int, scissor: Scissor | None, arithmetic: Arithmetic) -> NDArray[np.int64]:
     """int64 [N, 4]: x0, y0, x1, y1 of the pixels whose centres lie within the bounds of ``xy``, cut to screen and scissor."""
     x0, y0, x1, y1 = (0, 0, width, height) if scissor is None else scissor
-    first = (xy.min(axis=1) - HALF + SUBPIXEL - 1) >> SUBPIXEL_BITS  # ceil
-    end = ((xy.max(axis=1) - HALF) >> SUBPIXEL_BITS) + 1  # floor
+    half, bits = arithmetic.half, arithmetic.subpixel_bits
+    first = (xy.min(axis=1) - half + arithmetic.subpixel - 1) >> bits  # ceil
+    end = ((xy.max(axis=1) - half) >> bits) + 1  # floor
     first = np.maximum(first, [max(x0, 0), max(y0, 0)])
     end = np.minimum(end, [min(x1, width), min(y1, height)])
     return np.concatenate([first, end], axis=1)

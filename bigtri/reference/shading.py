@@ -10,7 +10,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from .float_mode import default_float_mode
 
+
+@default_float_mode
 def lambert(
     normals: NDArray[np.float32],
     albedo: NDArray[np.float32],
@@ -41,6 +44,7 @@ def lambert(
         return albedo * color
 
 
+@default_float_mode
 def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Linear light to 8-bit sRGB, rounded to the nearest code.
 
@@ -54,18 +58,21 @@ def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.where(np.isnan(linear), np.uint8(0), codes)
 
 
+@default_float_mode
 def decode_srgb(encoded: NDArray[np.uint8]) -> NDArray[np.float32]:
     """8-bit sRGB (uint8, any shape) to linear light (float32, the same shape, in [0, 1])."""
     return decode_table()[encoded]
 
 
 @lru_cache(maxsize=1)
+@default_float_mode
 def decode_table() -> NDArray[np.float32]:
     """float32 [256], read-only: the linear value of every code, correctly rounded."""
     return _rounded_table(256, lambda code: Fraction(code, 255))
 
 
 @lru_cache(maxsize=1)
+@default_float_mode
 def encode_thresholds() -> NDArray[np.float32]:
     """float32 [255], read-only, rising: the linear values half-way (in code space) between code k and k + 1."""
     return _rounded_table(255, lambda code: Fraction(2 * code + 1, 510))

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .float_mode import default_float_mode
 
+
+@default_float_mode
 def sample_texture(
     texture: NDArray[np.float32], uv: NDArray[np.float32], filter: str = "bilinear", wrap: str = "repeat"
 ) -> NDArray[np.float32]:

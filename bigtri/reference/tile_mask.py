@@ -5,16 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..precision import EXACT, Arithmetic
+from .float_mode import default_float_mode
 from .numerics import BIN, TILE, TILES, edges_of, fall, rise, stepped_values
 from .records import Records
 
 
-def tile_mask(records: Records, queue: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+@default_float_mode
+def tile_mask(
+    records: Records, queue: NDArray[np.int32], arithmetic: Arithmetic = EXACT
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Tests the 8x8 tiles of 8x8 px of each queue entry's bin.
 
     Args:
         records: N records.
         queue: int32 [Q, 3], (record, bin column, bin row).
+        arithmetic: the rung of the precision ladder.
 
     Returns:
         ``touched`` and ``full``, int64 [Q] each, 64-bit patterns with bit ``8 * row + column``: no edge has the whole tile
@@ -22,7 +28,8 @@ def tile_mask(records: Records, queue: NDArray[np.int32]) -> tuple[NDArray[np.in
         no tile stays in the arrays, as 0.
     """
     edges = edges_of(records.xy[queue[:, 0]])
-    corner = stepped_values(edges, BIN * queue[:, 1].astype(np.int64), BIN * queue[:, 2].astype(np.int64))  # [Q, 3]
+    left, top = (BIN * queue[:, axis].astype(np.int64) for axis in (1, 2))  # px
+    corner = stepped_values(edges, left, top, arithmetic)  # [Q, 3]
     tile = TILE * np.arange(TILES)  # px from the bin's first pixel
     # f at each tile's first pixel centre: [Q, row, column, 3]
     f = (

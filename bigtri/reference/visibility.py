@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .float_mode import default_float_mode
 from .numerics import BACKGROUND, ramp
 from .records import Records
 
 
+@default_float_mode
 def visibility(
     records: Records, spans: NDArray[np.int32], depth: NDArray[np.float32], height: int, width: int
 ) -> NDArray[np.int64]:

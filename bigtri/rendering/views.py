@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ..check import stages
 from ..ops.rasterize import Visibility
-from ..reference.numerics import BIN, SUBPIXEL, TILE
+from ..precision import EXACT
+from ..reference.numerics import BIN, TILE
 from ..reference.records import Records
 from ..reference.shading import encode_srgb
 from ..scene.camera import Camera
@@ -220,7 +221,7 @@ def count_bits(masks: NDArray[np.int64]) -> int:
 
 
 def _outlined(image: NDArray[np.uint8], records: Records) -> NDArray[np.uint8]:
-    for (x0, y0, x1, y1), corners in zip(records.bbox.tolist(), records.xy / SUBPIXEL, strict=True):
+    for (x0, y0, x1, y1), corners in zip(records.bbox.tolist(), records.xy / EXACT.subpixel, strict=True):
         image = figure.polygon(image, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)], _KEPT, 1)
         image = figure.polygon(image, [tuple(corner) for corner in corners.tolist()], _OUTLINE, 2)
     return image

@@ -1,0 +1,175 @@
+"""The rungs of the precision ladder: each against the scalar oracle, and against `exact` on the same sub-pixel grid."""
+
+import numpy as np
+import pytest
+from counting import soup
+
+from bigtri.precision import DEFAULT, EXACT, PRECISIONS, RUNGS, SUBPIXEL4, Arithmetic
+from bigtri.reference import Records, binning, brute_force, depth, rasterize, resolve, scanline, setup, tile_mask
+from bigtri.reference.attributes import barycentrics, interpolate
+
+HEIGHT, WIDTH = 96, 160
+SIZE = 128  # px; a power of two, so that snapped coordinates can be chosen exactly
+BACKGROUND = 2**63 - 1
+COARSER = EXACT.subpixel // SUBPIXEL4.subpixel  # a subpx of subpixel4 in those of exact
+RUNG = pytest.mark.parametrize("rung", RUNGS.values(), ids=PRECISIONS)
+
+
+def random_corners(kind: str, count: int) -> np.ndarray:
+    """float64 [T, 3, 4], clip space."""
+    rng = np.random.default_rng(31)
+    if kind == "clipped":  # vertices behind the eye, and some far beyond the guard band
+        corners = rng.normal(size=(count, 3, 4)) * [1, 1, 0.5, 1]
+        corners[: count // 2, :, :2] *= 10.0 ** rng.uniform(0, 7, (count // 2, 3, 1))
+        return corners
+    spread = {"large": 1.2, "small": 0.1, "slivers": 0.8}[kind]
+    centre = rng.uniform(-0.9, 0.9, (count, 1, 2))
+    xy = centre + rng.normal(0, spread, (count, 3, 2))
+    if kind == "slivers":
+        xy[:, 2] = xy[:, 0] + rng.normal(0, 0.002, (count, 2))
+    w = rng.uniform(0.5, 2, (count, 3, 1))
+    return np.concatenate([xy * w, rng.uniform(-0.9, 1.1, (count, 3, 1)) * w, w], axis=-1)
+
+
+def snapped_at(xy: np.ndarray, z: np.ndarray, rung: Arithmetic) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles with the snapped vertices ``xy`` [T, 3, 2], subpx of the rung, and window depths ``z`` [T, 3]; SIZE x SIZE px."""
+    ndc = (xy / (rung.half * SIZE) - 1) * [1, -1]
+    return soup(np.concatenate([ndc, 2 * z[..., None] - 1, np.ones_like(z)[..., None]], axis=-1))
+
+
+def all_stages(records: Records, threshold: int, rung: Arithmetic) -> tuple[np.ndarray, ...]:
+    """What binning, tile_mask, scanline and depth give, one after the other."""
+    bins = binning(records, threshold, rung)
+    queue = bins.candidates[bins.kept]
+    touched, full = tile_mask(records, queue, rung)
+    spans = scanline(records, queue, touched, bins.small, rung)
+    return (*bins, touched, full, spans, depth(records, spans, rung))
+
+
+def test_the_rungs_have_the_numbers_of_the_specification() -> None:
+    numbers = {name: (r.name, r.subpixel_bits, r.subpixel, r.half, r.guard) for name, r in RUNGS.items()}
+    assert numbers == {"exact": ("exact", 8, 256, 128, 2**23), "subpixel4": ("subpixel4", 4, 16, 8, 2**19)}
+    assert PRECISIONS == ("exact", "subpixel4") and DEFAULT == "exact"
+
+
+@RUNG
+@pytest.mark.parametrize("kind", ["large", "small", "slivers", "clipped"])
+def test_every_bit_equals_the_oracle(kind: str, rung: Arithmetic) -> None:
+    positions, triangles = soup(random_corners(kind, 80))
+    for cull, scissor in (("none", None), ("back", (9, -2, 150, 70))):
+        records, _ = setup(positions, triangles, HEIGHT, WIDTH, cull, scissor, rung)
+        one_by_one, _ = brute_force.records(positions, triangles, HEIGHT, WIDTH, cull, scissor, rung)
+        assert len(records.triangle) == len(one_by_one) > 0
+        assert records.clipped.any() == (kind == "clipped")
+        for name, field in zip(Records._fields, records, strict=True):
+            expected = np.array([getattr(record, name) for record in one_by_one]).reshape(field.shape)
+            np.testing.assert_array_equal(field, expected, name)
+        expected, _ = brute_force.rasterize(positions, triangles, HEIGHT, WIDTH, cull, scissor, rung)
+        assert (expected != BACKGROUND).any()
+        for threshold in (0, 4000):
+            packed, _ = rasterize(positions, triangles, HEIGHT, WIDTH, cull, scissor, threshold, rung)
+            np.testing.assert_array_equal(packed, expected)
+
+
+@RUNG
+def test_clipping_moves_no_edge_by_more_than_a_subpixel(rung: Arithmetic) -> None:
+    """Triangle by triangle against its true projection; only centres within 1 subpx of its border may differ."""
+    height, width = 10, 14
+    certain = clipped = 0
+    for corners in random_corners("clipped", 120).astype(np.float32):
+        corners[:, 2] = np.minimum(corners[:, 2], corners[:, 3])  # the far plane is cut by depth, not here
+        packed, _ = rasterize(*soup(corners[None]), height, width, arithmetic=rung)
+        outline = brute_force.outline(corners.tolist(), height, width)
+        side = np.array([[brute_force.true_side(outline, x, y, rung) for x in range(width)] for y in range(height)])
+        drawn = packed != BACKGROUND
+        assert drawn[side == 1].all() and not drawn[side == -1].any()
+        certain += (side == 1).sum()
+        clipped += setup(*soup(corners[None]), height, width, arithmetic=rung)[0].clipped.any()
+    assert certain > 1000 and clipped > 15
+
+
+@RUNG
+def test_snapped_coordinates_reach_just_the_ends_of_the_guard_band(rung: Arithmetic) -> None:
+    """Whatever the clipper made, or let through on the border itself."""
+    positions, triangles = soup(random_corners("clipped", 600))
+    records, _ = setup(positions, triangles, HEIGHT, WIDTH, arithmetic=rung)
+    for axis in (0, 1):
+        assert records.xy[..., axis].min() == -rung.guard and records.xy[..., axis].max() == rung.guard - 1
+
+
+def test_a_coarser_rung_is_exact_on_a_coarser_grid() -> None:
+    """The rungs differ in setup alone: every later stage gives the bits that `exact` gives the vertices on its own grid."""
+    for kind in ("large", "small", "slivers", "clipped"):
+        records, _ = setup(*soup(random_corners(kind, 80)), HEIGHT, WIDTH, arithmetic=SUBPIXEL4)
+        finer = records._replace(xy=records.xy * COARSER, area=records.area * COARSER**2)
+        for threshold in (0, 4000):
+            got, expected = all_stages(records, threshold, SUBPIXEL4), all_stages(finer, threshold, EXACT)
+            for a, b in zip(got, expected, strict=True):
+                np.testing.assert_array_equal(a, b)
+
+
+def test_vertices_on_the_coarser_grid_make_the_same_picture_on_both_rungs() -> None:
+    rng = np.random.default_rng(32)
+    xy = rng.integers(-SUBPIXEL4.subpixel * 40, SUBPIXEL4.subpixel * (SIZE + 40), (200, 3, 2))
+    positions, triangles = snapped_at(xy, rng.uniform(0, 1, (200, 3)), SUBPIXEL4)
+    images = [rasterize(positions, triangles, SIZE, SIZE, arithmetic=rung)[0] for rung in (EXACT, SUBPIXEL4)]
+    assert len(np.unique(images[0])) > 1000
+    np.testing.assert_array_equal(*images)
+
+
+def test_a_vertex_between_the_points_of_the_coarser_grid_makes_another_picture() -> None:
+    """A left edge 1/256 px to the right of the pixel centres misses them; snapped to 1/16 px it lies on them."""
+    centre = 20 * 256 + 128
+    xy = np.array([[[centre + 1, 0], [centre + 5000, 0], [centre + 1, 20000]]])
+    drawn = [
+        rasterize(*snapped_at(xy, np.full((1, 3), 0.5), EXACT), SIZE, SIZE, arithmetic=rung)[0] != BACKGROUND
+        for rung in (EXACT, SUBPIXEL4)
+    ]
+    assert not drawn[0][:, :21].any() and drawn[0][:70, 21].all()
+    assert not drawn[1][:, :20].any() and drawn[1][:70, 20].all()
+
+
+@RUNG
+@pytest.mark.parametrize("kind", ["large", "small", "clipped"])
+def test_every_visible_pixel_finds_its_record(kind: str, rung: Arithmetic) -> None:
+    """Resolved with the rung that drew it, each pixel has a record of its triangle that covers it."""
+    positions, triangles = soup(random_corners(kind, 80))
+    packed, _ = rasterize(positions, triangles, HEIGHT, WIDTH, arithmetic=rung)
+    records, index = resolve(packed, positions, triangles, rung)
+    covered = packed != BACKGROUND
+    np.testing.assert_array_equal(index >= 0, covered)
+    np.testing.assert_array_equal(records.triangle[index[covered]], (packed & 0xFFFFFFFF)[covered])
+    one_by_one, _ = brute_force.records(positions, triangles, HEIGHT, WIDTH, arithmetic=rung)
+    by_vertices = {(r.triangle, r.xy): r for r in one_by_one}
+    for y, x in np.argwhere(covered)[::97].tolist():
+        k = index[y, x]
+        record = by_vertices[int(records.triangle[k]), tuple(map(tuple, records.xy[k].tolist()))]
+        assert brute_force.covers(record, x, y, rung)
+
+
+def test_weights_on_a_coarser_rung_are_those_of_exact_on_the_coarser_grid() -> None:
+    rng = np.random.default_rng(33)
+    xy = rng.integers(-SUBPIXEL4.subpixel * 40, SUBPIXEL4.subpixel * (SIZE + 40), (60, 3, 2))
+    positions, triangles = snapped_at(xy, rng.uniform(0, 1, (60, 3)), SUBPIXEL4)
+    w = rng.choice(np.float32([0.5, 1, 2, 4]), (len(positions), 1))  # powers of two, so that x / w stays what it was
+    positions = positions * w
+    packed, _ = rasterize(positions, triangles, SIZE, SIZE)
+    values = rng.normal(size=(len(positions), 5)).astype(np.float32)
+    on_exact, on_coarser = (
+        (barycentrics(packed, positions, triangles, rung), interpolate(packed, positions, triangles, values, rung))
+        for rung in (EXACT, SUBPIXEL4)
+    )
+    assert len(np.unique(on_exact[0])) > 1000
+    for a, b in zip(on_exact, on_coarser, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_weights_off_the_grid_are_those_of_the_rung() -> None:
+    """A vertex moved by less than half a coarse subpx: `subpixel4` gives the weights of the vertex where it snaps to."""
+    xy = np.array([[[0, 0], [100 * 256, 0], [0, 100 * 256]]])
+    depths = np.full((1, 3), 0.5)
+    snapped, moved = snapped_at(xy, depths, EXACT), snapped_at(xy + [[3, -5], [-4, 6], [7, 2]], depths, EXACT)
+    packed, _ = rasterize(*snapped, SIZE, SIZE)
+    expected = barycentrics(packed, *snapped, EXACT)
+    np.testing.assert_array_equal(barycentrics(packed, *moved, SUBPIXEL4), expected)
+    assert (barycentrics(packed, *moved, EXACT) != expected).any()
