@@ -1,9 +1,8 @@
 """Builds the extension `bigtri._C`: one abi3 library on torch's stable ABI, which runs on Python >= 3.10 and torch >= 2.10.
 
 With a torch built for CUDA and a CUDA toolkit (CUDA_HOME, or nvcc on the PATH) the CUDA kernels are built too, as `bigtri._cuda`
-beside it; no GPU has to be there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 insists on them. TORCH_CUDA_ARCH_LIST says for which architectures
-("7.5;9.0;12.0+PTX"); by default for the GPUs of this
-machine, or for all of these where there is none.
+beside it; no GPU has to be there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 insists on them. TORCH_CUDA_ARCH_LIST says for
+which architectures ("7.5;9.0;12.0+PTX"); by default for the GPUs of this machine, or for all of these where there is none.
 """
 
 import os
@@ -108,12 +107,12 @@ def extensions() -> list[CppExtension]:
         link += [f"-fsanitize={sanitize}"]
     headers = [str(f) for pattern in ("*.h", "*.inl", "*.cuh", "*.cpp", "*.cu") for f in sorted(CSRC.rglob(pattern))]
     common = {"include_dirs": [str(CSRC.resolve())], "extra_link_args": link, "depends": headers, "py_limited_api": True}
-    found = [CppExtension("bigtri._C", cpu_sources(), extra_compile_args={"cxx": flags}, **common)]
+    found = [CppExtension("bigtri._C", cpu_sources(), extra_compile_args={"cxx": [*flags]}, **common)]
     if with_cuda():
         if not torch.cuda.is_available():
             os.environ.setdefault("TORCH_CUDA_ARCH_LIST", known_architectures())
-        compile_args = {"cxx": [*flags, "-DUSE_CUDA"], "nvcc": CUDA_FLAGS}  # torch's stable header then declares its CUDA functions
-        found += [CUDAExtension("bigtri._cuda", cuda_sources(), extra_compile_args=compile_args, **common)]
+        flags += ["-DUSE_CUDA"]  # torch's stable header then declares its CUDA functions
+        found += [CUDAExtension("bigtri._cuda", cuda_sources(), extra_compile_args={"cxx": flags, "nvcc": CUDA_FLAGS}, **common)]
     return found
 
 
