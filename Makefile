@@ -12,6 +12,8 @@ LIBRARY := bigtri/_C.abi3.so
 PY := $(BIN)/python
 CSRC := $(shell find bigtri/csrc -type f)
 PYTHON_CODE := bigtri bench tests setup.py
+CPP_CODE := $(shell find bigtri bench tests -name '*.cpp' -o -name '*.h' -o -name '*.inl' -o -name '*.cu' -o -name '*.cuh')
+SCRIPTS := .ci/run bench/gpu.sh
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test build lint format wheel clean
@@ -27,16 +29,21 @@ test: build  ## run every test; PYTEST_ARGS="-k name" runs some
 
 build: $(VENV)/.built  ## make .venv, install bigtri into it and build the extension
 
-lint: $(VENV)/.lint  ## ruff, clang-format and mypy
-	$(BIN)/ruff check $(PYTHON_CODE)
-	$(BIN)/ruff format --check $(PYTHON_CODE)
-	$(BIN)/clang-format --dry-run -Werror $(CSRC)
-	$(BIN)/mypy
+# Every check runs, also after one that fails, and any failure fails. Without files clang-format would read an empty stdin and be content.
+lint: $(VENV)/.lint  ## ruff, clang-format, mypy and shellcheck
+	test -n '$(CPP_CODE)'
+	failed=0; \
+	$(BIN)/ruff check $(PYTHON_CODE) || failed=1; \
+	$(BIN)/ruff format --check $(PYTHON_CODE) || failed=1; \
+	$(BIN)/clang-format --dry-run -Werror $(CPP_CODE) || failed=1; \
+	$(BIN)/mypy || failed=1; \
+	$(BIN)/shellcheck $(SCRIPTS) || failed=1; \
+	exit $$failed
 
 format: $(VENV)/.lint  ## rewrite the code as lint wants it
 	$(BIN)/ruff check --fix $(PYTHON_CODE)
 	$(BIN)/ruff format $(PYTHON_CODE)
-	$(BIN)/clang-format -i $(CSRC)
+	$(BIN)/clang-format -i $(CPP_CODE)
 
 wheel: $(VENV)/.installed  ## dist/bigtri-*.whl, for every Python from 3.10 on
 	rm -rf build/lib* build/bdist*  # a wheel takes what lies there, also what an earlier one left

@@ -23,7 +23,8 @@ from typing import NamedTuple, Protocol
 
 import torch
 
-from bigtri.study import benchmark
+from bigtri.app import arguments as option_types
+from bigtri.study import provenance
 
 METHODS = ("graph", "graph20", "eager", "cold")
 IN_A_ROW = 20  # frames in the graph of `graph20`
@@ -185,10 +186,10 @@ class Machine(NamedTuple):
 
 
 def machine() -> Machine:
-    device = torch.cuda.get_device_name() if torch.cuda.is_available() else f"dry run: {benchmark.device()}"
+    device = torch.cuda.get_device_name() if torch.cuda.is_available() else f"dry run: {provenance.device()}"
     # A copy without .git is told its commit.
-    commit = os.environ.get("BIGTRI_COMMIT") or benchmark.commit()
-    return Machine(device, driver(), torch.__version__, torch.version.cuda or "", commit, benchmark.command())
+    commit = os.environ.get("BIGTRI_COMMIT") or provenance.commit()
+    return Machine(device, driver(), torch.__version__, torch.version.cuda or "", commit, provenance.command())
 
 
 def driver() -> str:
@@ -240,7 +241,7 @@ def listed(text: str, what: str, known: Iterable[str]) -> list[str]:
         SystemExit: one of them is not known.
     """
     try:
-        return benchmark.chosen(what, text, list(known))
+        return option_types.chosen(what, text, list(known))
     except ValueError as error:
         raise SystemExit(str(error)) from None
 

@@ -29,7 +29,9 @@ from cuda_clock import METHODS, Call, Clock, Machine, Row, text_of
 
 import bigtri
 from bigtri import native
+from bigtri.app import arguments as option_types
 from bigtri.study import benchmark, scenes
+from bigtri.study.clock import summary
 
 SCENES = "S1,S2,S3,S4f,S4b,S5,S6,S7"
 PEERS = Path(__file__).parent / "results" / "h200_peers.csv"
@@ -119,7 +121,7 @@ class Bench:
                 continue
             if not us:
                 continue
-            timing = benchmark.summary(us)
+            timing = summary(us)
             self.rows.append(
                 Row(
                     scene=case.name,
@@ -272,17 +274,19 @@ def kernel_pass(cases: list[tuple[str, int, int, int]], variants: list[str], dev
 def parser() -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     result.add_argument("--scenes", default=SCENES, help=f"default {SCENES}")
-    result.add_argument("--size", type=benchmark.listed(benchmark.size), default="1080p,4k", help="default 1080p,4k")
-    result.add_argument("--seeds", type=benchmark.listed(benchmark.seed), default=str(scenes.SEED), help=f"default {scenes.SEED}")
+    result.add_argument("--size", type=option_types.listed(option_types.size), default="1080p,4k", help="default 1080p,4k")
+    result.add_argument(
+        "--seeds", type=option_types.listed(option_types.seed), default=str(scenes.SEED), help=f"default {scenes.SEED}"
+    )
     result.add_argument("--variants", default="all", help="bigtri's, separated by commas (default all, and auto)")
     result.add_argument("--methods", default="all", help=f"of {', '.join(METHODS)} (default all)")
     result.add_argument(
-        "--seconds", type=benchmark.seconds, default=0.1, help="time for each figure, beyond 50 repeats (default 0.1)"
+        "--seconds", type=option_types.seconds, default=0.1, help="time for each figure, beyond 50 repeats (default 0.1)"
     )
     result.add_argument("--no-floor", action="store_true", help="neither floor nor memset; needs no nvcc")
     result.add_argument("--kernels", action="store_true", help="then each kernel's time, through torch's profiler")
     result.add_argument(
-        "--csv", metavar="FILE", type=benchmark.csv_file, help="write the rows there; kernels beside it, FILE_kernels.csv"
+        "--csv", metavar="FILE", type=option_types.csv_file, help="write the rows there; kernels beside it, FILE_kernels.csv"
     )
     result.add_argument("--dry-run", action="store_true", help="on the CPU by the host's clock: does it run?")
     return result

@@ -9,7 +9,7 @@ of 100 px to one over all of it; and four layers over 1920x1080 of 2 to 100,000 
 * `threshold`: four layers over 1920x1080 of triangles of 10 to 30,000 px, with the bbox above which a triangle is queued from 0
 to 10^9 px: bin_owned's path for many, and the other variants.
 
-A way is a variant, or `bin_owned` kept to one of its paths by `bigtri.native.cuda_tuning`: few, some, many. Time is the
+A way is a variant, or `bin_owned` kept to one of its paths by `bigtri.native.using_parameters`: few, some, many. Time is the
 median of graph replays (cuda_clock.py). A way that takes more than 50 ms is left out of the rest of its curve, and so is one that
 would by its growth. Images are compared with the CPU's up to 2^24 px and 2,000,000 triangles, above that with the first way's.
 
@@ -36,7 +36,9 @@ import torch
 from cuda_clock import Clock, Machine, text_of
 
 from bigtri import native
+from bigtri.app import arguments as option_types
 from bigtri.study import benchmark, scenes
+from bigtri.study.clock import summary
 from bigtri.study.scenes import layers_of
 
 WIDTH, HEIGHT = 1920, 1080  # px, where a curve does not vary them
@@ -247,7 +249,7 @@ def settings(way: Way, point: Point, device: torch.device) -> contextlib.Abstrac
     changes = dict(way.tuning)
     if point.threshold is not None:
         changes["threshold"] = point.threshold
-    return native.cuda_tuning(**changes) if changes and device.type == "cuda" else contextlib.nullcontext()
+    return native.using_parameters(**changes) if changes and device.type == "cuda" else contextlib.nullcontext()
 
 
 class Scaling:
@@ -309,7 +311,7 @@ class Scaling:
         return self.memset_us.get(stage.size)
 
     def row(self, point: Point, way: Way, count: int, us: list[float], wrong: int, against: str, memset: float | None) -> Row:
-        timing = benchmark.summary(us)
+        timing = summary(us)
         return Row(
             curve=point.curve,
             kind=point.kind,
@@ -385,7 +387,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--most", type=int, default=10_000_000, help="triangles of the largest scene (default ten million)")
     parser.add_argument("--seconds", type=float, default=0.03, help="time for each figure (default 0.03)")
     parser.add_argument("--total", type=float, default=150, help="s for all, shared out among the curves (default 150)")
-    parser.add_argument("--csv", metavar="FILE", type=benchmark.csv_file, help="write the rows there")
+    parser.add_argument("--csv", metavar="FILE", type=option_types.csv_file, help="write the rows there")
     parser.add_argument("--dry-run", action="store_true", help="on the CPU by the host's clock: does it run?")
     arguments = parser.parse_args(argv)
     started = time.perf_counter()

@@ -18,7 +18,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import torch
 
-from bigtri.study import benchmark
+from bigtri.app import arguments as option_types
+from bigtri.study.clock import clock
 
 SIZES = {"1920x1080": 1920 * 1080 * 8, "3840x2160": 3840 * 2160 * 8, "1 GiB": 1 << 30}  # bytes
 libc = ctypes.CDLL(None)
@@ -43,8 +44,8 @@ def fills(buffer: torch.Tensor, threads: int, pool: ThreadPoolExecutor) -> dict[
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--threads", type=benchmark.listed(benchmark.count), default="1,2")
-    parser.add_argument("--seconds", type=benchmark.seconds, default=0.5, help="time for each figure")
+    parser.add_argument("--threads", type=option_types.listed(option_types.count), default="1,2")
+    parser.add_argument("--seconds", type=option_types.seconds, default=0.5, help="time for each figure")
     arguments = parser.parse_args()
     print(f"{'fill':12} {'threads':>7}" + "".join(f" {size + ', ms (GB/s)':>24}" for size in SIZES))
     for threads in arguments.threads:
@@ -53,7 +54,7 @@ def main() -> None:
             cells: dict[str, list[str]] = {}
             for size in SIZES.values():
                 for name, call in fills(torch.empty(size // 8, dtype=torch.int64), threads, pool).items():
-                    ms = statistics.median(benchmark.clock(call, arguments.seconds, warm=1))
+                    ms = statistics.median(clock(call, arguments.seconds, warm=1))
                     cells.setdefault(name, []).append(f"{ms:.3f} ({size / ms / 1e6:.1f})")
         for name, row in cells.items():
             print(f"{name:12} {threads:7}" + "".join(f" {cell:>24}" for cell in row), flush=True)

@@ -213,14 +213,17 @@ def main() -> None:
     if "--worker" in sys.argv[1:]:
         return worker()
 
-    from bigtri.study import benchmark, scenes
+    from bigtri.app import arguments as option_types
+    from bigtri.study import scenes
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--scenes", default=benchmark.DEFAULT_SCENES)
-    parser.add_argument("--size", type=benchmark.listed(benchmark.size), default="1080p", help="WxH, several separated by commas")
+    parser.add_argument("--scenes", default=scenes.DEFAULT)
+    parser.add_argument(
+        "--size", type=option_types.listed(option_types.size), default="1080p", help="WxH, several separated by commas"
+    )
     parser.add_argument("--threads", default="0,1,2", help="values of LP_NUM_THREADS")
     parser.add_argument("--ways", default=",".join(WAYS))
-    parser.add_argument("--seconds", type=benchmark.seconds, default=1.0, help="time for each figure")
+    parser.add_argument("--seconds", type=option_types.seconds, default=1.0, help="time for each figure")
     parser.add_argument("--check", action="store_true", help="compare each image with bigtri's")
     arguments = parser.parse_args()
     print(f"{'scene':8} {'size':>10} {'LP_NUM_THREADS':>14} {'ids':>10} {'median ms':>10} {'min ms':>9} {'frames':>7}")

@@ -15,7 +15,9 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
+from bigtri.reference.numerics import BACKGROUND
 from bigtri.study import benchmark, scenes
+from bigtri.study.clock import clock
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px, half-open
 Inside = Callable[[NDArray[np.float64], Box], NDArray[np.bool_]]  # corners [3, 2] px, box -> mask of the box's pixels
@@ -66,7 +68,7 @@ def available(way: str) -> bool:
 def draw(pixels: NDArray[np.float64], packed: NDArray[np.int64], inside: Inside) -> None:
     """A frame: triangles [T, 3, 3] in pixel space into packed [H, W]."""
     height, width = packed.shape
-    packed.fill(benchmark.BACKGROUND)
+    packed.fill(BACKGROUND)
     for index, triangle in enumerate(pixels):
         (x0, y0), (x1, y1) = np.floor(triangle[:, :2].min(axis=0)), np.ceil(triangle[:, :2].max(axis=0))
         box = max(int(x0), 0), max(int(y0), 0), min(int(x1), width), min(int(y1), height)
@@ -93,7 +95,7 @@ class PythonPeer:
         self.packed = np.empty((height, width), np.int64)
 
     def frames(self, count: int) -> list[float]:
-        return benchmark.clock(lambda: draw(self.pixels, self.packed, self.inside), 0, warm=0, at_least=count)
+        return clock(lambda: draw(self.pixels, self.packed, self.inside), 0, warm=0, at_least=count)
 
     def ids(self) -> NDArray[np.int32]:
         """int32 [H, W], -1 where there is no triangle."""

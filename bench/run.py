@@ -26,7 +26,9 @@ import torch
 from numpy.typing import NDArray
 
 from bigtri import native
-from bigtri.study import benchmark, scenes
+from bigtri.app import arguments as option_types
+from bigtri.study import benchmark, provenance, scenes
+from bigtri.study.clock import clock, peak_mib, setting, summary
 
 PEERS = ("llvmpipe", *peer_python.WAYS)
 TURN = 0.05  # s: how long a turn lasts, at least one frame
@@ -63,8 +65,8 @@ class Bigtri:
         self.job = benchmark.Job(name, width, height, scenes.make(name, width, height), self.variant)
 
     def frames(self, count: int) -> list[float]:
-        with benchmark.setting(self.threads):
-            return benchmark.clock(self.job.draw, 0, warm=0, at_least=count)
+        with setting(self.threads):
+            return clock(self.job.draw, 0, warm=0, at_least=count)
 
     def ids(self) -> NDArray[np.int32]:
         return benchmark.ids(self.job.packed.numpy())
@@ -126,7 +128,7 @@ def rows_of(everyone: list[Peer], times: list[list[list[float]]], base: benchmar
     medians = np.array([[statistics.median(frames) for frames in rounds] for rounds in times])  # [peer, round]
     rows = []
     for who, peer in enumerate(everyone):
-        timing = benchmark.summary([ms for frames in times[who] for ms in frames])
+        timing = summary([ms for frames in times[who] for ms in frames])
         low, middle, high = np.percentile(medians[who] / medians[0], [25, 50, 75])
         row = dataclasses.replace(base, renderer=peer.name, variant=peer.variant).timed(timing)
         if who > 0:
@@ -160,8 +162,8 @@ def case(
     for peer in everyone:
         peer.load(name, width, height)
     job = mine.job
-    with benchmark.setting(threads):
-        peak = benchmark.peak_mib(job.draw)
+    with setting(threads):
+        peak = peak_mib(job.draw)
         base = dataclasses.replace(
             job.row(threads, native.isa()), fragments=job.fragments(), covered_px=job.covered_px(), peak_mib=peak
         )
@@ -180,26 +182,26 @@ def case(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--scenes", default=benchmark.DEFAULT_SCENES, help=f"default {benchmark.DEFAULT_SCENES}")
-    parser.add_argument("--size", type=benchmark.listed(benchmark.size), default="1080p,4k", help="default 1080p,4k")
-    parser.add_argument("--threads", type=benchmark.listed(benchmark.count), default="1,2", help="default 1,2")
+    parser.add_argument("--scenes", default=scenes.DEFAULT, help=f"default {scenes.DEFAULT}")
+    parser.add_argument("--size", type=option_types.listed(option_types.size), default="1080p,4k", help="default 1080p,4k")
+    parser.add_argument("--threads", type=option_types.listed(option_types.count), default="1,2", help="default 1,2")
     parser.add_argument("--variant", default="auto", help="bigtri's variant (default auto)")
     parser.add_argument("--peers", default="llvmpipe", help=f"of {', '.join(PEERS)} (default llvmpipe; others S1 to S3)")
     parser.add_argument(
-        "--seconds", type=benchmark.seconds, default=3.0, help="time for each case, all peers together (default 3)"
+        "--seconds", type=option_types.seconds, default=3.0, help="time for each case, all peers together (default 3)"
     )
-    parser.add_argument("--csv", metavar="FILE", type=benchmark.csv_file, help="write the rows there")
+    parser.add_argument("--csv", metavar="FILE", type=option_types.csv_file, help="write the rows there")
     arguments = parser.parse_args()
     names = [name for name in arguments.peers.split(",") if name]
     if unknown := [name for name in names if name not in PEERS]:
         parser.error(f"no peer {', '.join(unknown)}; there are {', '.join(PEERS)}")
 
     try:
-        chosen = benchmark.chosen("scene", arguments.scenes, list(scenes.SCENES))
+        chosen = option_types.chosen("scene", arguments.scenes, list(scenes.SCENES))
     except ValueError as error:
         parser.error(str(error))
 
-    print(f"{benchmark.device()}; {benchmark.versions()}; {benchmark.commit()}; {native.isa()}")
+    print(f"{provenance.device()}; {provenance.versions()}; {provenance.commit()}; {native.isa()}")
     rows: list[benchmark.Row] = []
     for threads in arguments.threads:
         torch.set_num_threads(threads)

@@ -22,8 +22,9 @@ import torch
 
 import bigtri
 from bigtri import native
+from bigtri.app import arguments as option_types
 from bigtri.ops.texture import FILTERS, WRAPS
-from bigtri.study import benchmark, scenes
+from bigtri.study import scenes
 
 PATHS: dict[str, dict[str, int]] = {
     "as it is": {},
@@ -111,7 +112,7 @@ def shaded(positions: torch.Tensor, triangles: torch.Tensor, packed: torch.Tenso
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--size", type=benchmark.size, default="200x150", help="WIDTHxHEIGHT (default 200x150)")
+    parser.add_argument("--size", type=option_types.size, default="200x150", help="WIDTHxHEIGHT (default 200x150)")
     parser.add_argument("--only", metavar="PICTURE", help="one of the pictures, such as 'slivers and mesh'")
     parser.add_argument("--quick", action="store_true", help="only the main paths, without culling and scissor")
     parser.add_argument("--total", type=float, default=1e9, help="s: skip the rest after that, and say so")
@@ -142,7 +143,7 @@ def main() -> int:
                     if time.perf_counter() > end:
                         skipped += 1
                         continue
-                    with native.cuda_tuning(**tuning) if arguments.device == "cuda" else contextlib.nullcontext():
+                    with native.using_parameters(**tuning) if arguments.device == "cuda" else contextlib.nullcontext():
                         seen = bigtri.rasterize(*here, (height, width), variant=variant, depth=depth, **how)
                     bits = int((tensor(seen.packed).cpu() != tensor(expected.packed)).sum())
                     bits += int(seen.dropped != expected.dropped)

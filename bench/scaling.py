@@ -20,8 +20,10 @@ from collections.abc import Iterator
 import peer_llvmpipe
 
 from bigtri import native
+from bigtri.app import arguments as option_types
 from bigtri.reference.numerics import MAX_SIZE
-from bigtri.study import benchmark, scenes
+from bigtri.study import benchmark, provenance, scenes
+from bigtri.study.clock import summary
 
 WIDTH, HEIGHT = 1920, 1080  # px, of `count` and `area`
 LAYERS = 4
@@ -59,7 +61,7 @@ def llvmpipe_row(base: benchmark.Row, peer: peer_llvmpipe.Llvmpipe, scene: scene
     found = []
     for way in ("primitive", "attribute"):
         peer.load(scene, base.width, base.height, way)
-        found.append((benchmark.summary(peer_llvmpipe.budgeted(peer, seconds / 2)), way))
+        found.append((summary(peer_llvmpipe.budgeted(peer, seconds / 2)), way))
     timing, way = min(found, key=lambda pair: pair[0].median)
     return dataclasses.replace(base, renderer="llvmpipe", variant=f"ids {way}", precision="", isa="", peak_mib=None).timed(timing)
 
@@ -74,21 +76,21 @@ def main() -> None:
     parser.add_argument("--curves", default="resolution,count,area", help="which of them (default all)")
     parser.add_argument(
         "--largest",
-        type=benchmark.whole(1, MAX_SIZE),
+        type=option_types.whole(1, MAX_SIZE),
         default=MAX_SIZE,
         help="side of the largest square, px (default 16384: 2 GiB)",
     )
-    parser.add_argument("--threads", type=benchmark.listed(benchmark.count), default="1,2", help="default 1,2")
+    parser.add_argument("--threads", type=option_types.listed(option_types.count), default="1,2", help="default 1,2")
     parser.add_argument("--variant", default="auto", help="bigtri's variants, separated by commas (default auto)")
     parser.add_argument("--llvmpipe", action="store_true", help="also llvmpipe, up to 8192 px a side")
-    parser.add_argument("--seconds", type=benchmark.seconds, default=0.5, help="time for each figure (default 0.5)")
-    parser.add_argument("--csv", metavar="FILE", type=benchmark.csv_file, help="write the rows there")
+    parser.add_argument("--seconds", type=option_types.seconds, default=0.5, help="time for each figure (default 0.5)")
+    parser.add_argument("--csv", metavar="FILE", type=option_types.csv_file, help="write the rows there")
     arguments = parser.parse_args()
     curves = {"resolution": lambda: resolution_points(arguments.largest), "count": count_points, "area": area_points}
     if unknown := [curve for curve in arguments.curves.split(",") if curve not in curves]:
         parser.error(f"--curves must be of {', '.join(curves)}, got {', '.join(unknown)}")
 
-    print(f"{benchmark.device()}; {benchmark.versions()}; {benchmark.commit()}")
+    print(f"{provenance.device()}; {provenance.versions()}; {provenance.commit()}")
     peers = {threads: peer_llvmpipe.Llvmpipe(threads) for threads in arguments.threads} if arguments.llvmpipe else {}
     rows: list[benchmark.Row] = []
     for curve in arguments.curves.split(","):

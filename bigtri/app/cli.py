@@ -1,4 +1,7 @@
-"""The command line: ``bigtri render``, ``info``, ``bench``, ``demo`` and ``hard-cases``."""
+"""The command line: ``bigtri render``, ``info``, ``bench``, ``demo`` and ``hard-cases``.
+
+A command imports what it needs when it runs, so that --help, --version and a wrong command line are answered without torch.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,10 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from .. import __version__
+from ..choices import CULLS, VIEWS
+from . import arguments
 
 # Exit codes: 0 done; 1 it cannot be done here, or hard-cases found bigtri wrong; 2 the command line or a file is wrong, which is
 # argparse's own code for that.
@@ -47,17 +54,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: argparse's, for a command line that it does not understand, and for --help.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    words = list(sys.argv[1:] if argv is None else argv)
     command = "bench"
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
-            if arguments[:1] == ["bench"]:
+            if words[:1] == ["bench"]:
                 # The benchmark has a parser of its own, --help included.
-                from ..study import benchmark
+                from . import bench
 
-                return benchmark.main(arguments[1:])
-            options = _parser().parse_args(arguments)
+                return bench.main(words[1:])
+            options = _parser().parse_args(words)
             command = options.command
             return options.run(options)
     except (OSError, ValueError, TypeError) as error:
@@ -76,9 +83,6 @@ def _complain(command: str, what: object, code: int) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from .. import __version__
-    from ..study import benchmark
-
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(
         "bigtri", description="Exact software rasterization of large triangles.", epilog=_EXAMPLES, formatter_class=raw
@@ -92,8 +96,8 @@ def _parser() -> argparse.ArgumentParser:
     about = "draw, explain and time a scene of large triangles"
     demo = commands.add_parser("demo", help=about, epilog="example:\n  bigtri demo --out pictures", formatter_class=raw)
     demo.add_argument("--out", type=Path, default=Path("bigtri-demo"), help="folder for the pictures (default: %(default)s)")
-    demo.add_argument("--size", type=benchmark.size, default=(1920, 1080), metavar="WxH", help="pixels (default: 1920x1080)")
-    _add_execution(demo)
+    demo.add_argument("--size", type=arguments.size, default=(1920, 1080), metavar="WxH", help="pixels (default: 1920x1080)")
+    arguments.add_execution(demo)
     demo.set_defaults(run=_demo)
     about = "what this build draws of triangles that break rasterizers, and what plain float32 draws"
     _add_hard_cases(commands.add_parser("hard-cases", help=about, epilog=_HARD_CASES_EXAMPLES, formatter_class=raw))
@@ -101,25 +105,19 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_hard_cases(parser: argparse.ArgumentParser) -> None:
-    from ..study.benchmark import csv_file
-
     parser.description = "Draw every hard case by every method and count what is wrong. Exit code 1 if bigtri is wrong anywhere."
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="cases such as H05, or families such as ties")
-    parser.add_argument("--csv", type=csv_file, metavar="FILE", help="write the counts there as well")
+    parser.add_argument("--csv", type=arguments.csv_file, metavar="FILE", help="write the counts there as well")
     parser.add_argument("--markdown", action="store_true", help="print the table as docs/hard_cases.md has it")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the pictures of docs/hard_cases.md there, no table")
     parser.set_defaults(run=_hard_cases)
 
 
 def _add_render(parser: argparse.ArgumentParser) -> None:
-    from ..ops.rasterize import CULLS
-    from ..rendering.views import VIEWS
-    from ..study import benchmark
-
     parser.description = "Draw a GLB, glTF, OBJ, PLY, STL or OFF file, seen from around it."
     parser.add_argument("model", type=Path, help="the file to draw")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the picture to write: .png, .jpg, .tif or .bmp")
-    parser.add_argument("--size", type=benchmark.size, default=(1280, 960), metavar="WxH", help="pixels (default: 1280x960)")
+    parser.add_argument("--size", type=arguments.size, default=(1280, 960), metavar="WxH", help="pixels (default: 1280x960)")
     parser.add_argument("--view", choices=(*VIEWS, "all"), default="shaded", help="what to show (default: %(default)s)")
     camera = parser.add_argument_group("camera")
     camera.add_argument("--azimuth", type=float, default=30.0, help="degrees around the up axis (default: %(default)g)")
@@ -130,30 +128,21 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     quality = parser.add_argument_group("quality")
     quality.add_argument(
         "--supersample",
-        type=benchmark.whole(1),
+        type=arguments.whole(1),
         default=2,
         metavar="N",
         help="NxN samples a pixel, shaded view only (default: 2)",
     )
     quality.add_argument("--cull", choices=CULLS, default="none", help="faces not to draw (default: none)")
-    _add_execution(parser)
+    arguments.add_execution(parser)
     parser.set_defaults(run=_render)
-
-
-def _add_execution(parser: argparse.ArgumentParser) -> None:
-    from ..ops.arguments import BACKENDS
-    from ..study.benchmark import count
-
-    group = parser.add_argument_group("execution (never changes a pixel)")
-    group.add_argument("--backend", choices=BACKENDS, default="auto", help="default: native where it is built")
-    group.add_argument("--threads", type=count, metavar="N", help="threads to use (default: torch's)")
 
 
 def _render(options: argparse.Namespace) -> int:
     _set_threads(options.threads)
     from ..reference.numerics import MAX_SIZE
     from ..rendering import figure
-    from ..rendering.views import VIEWS, picture
+    from ..rendering.views import picture
     from ..scene import load_scene
     from ..scene.camera import Camera
 

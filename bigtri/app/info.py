@@ -8,22 +8,23 @@ import sys
 from importlib import metadata
 from pathlib import Path
 
+import torch
+
+from .. import __version__, native
+from ..study import provenance
+
 # What the builds differ by, as /proc/cpuinfo calls it.
 _INSTRUCTION_SETS = ("sse4_2", "avx", "avx2", "fma", "avx512f", "avx512bw", "avx512dq", "avx512vl", "asimd", "sve", "sve2")
 
 
 def describe() -> str:
     """The versions of everything involved, the processor, and the state of the extension, one "name: value" a line."""
-    import torch
-
-    from .. import __version__
-
     lines = [
         ("bigtri", f"{__version__} in {Path(__file__).resolve().parent}"),
         ("python", f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable})"),
         *((package, _version(package)) for package in ("torch", "numpy", "scikit-image", "trimesh", "pillow")),
         ("system", platform.platform()),
-        ("processor", f"{cpu_name()}, {usable_cpus()} of {os.cpu_count()} logical processors usable"),
+        ("processor", f"{provenance.cpu_name()}, {provenance.usable_cpus()} of {os.cpu_count()} logical processors usable"),
         ("instruction sets", ", ".join(_instruction_sets()) or "unknown"),
         ("torch threads", str(torch.get_num_threads())),
         ("torch CPU capability", torch.backends.cpu.get_cpu_capability()),
@@ -41,35 +42,15 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def cpu_name() -> str:
-    """What the processor calls itself."""
-    for line in _cpuinfo():
-        if line.lower().startswith(("model name", "hardware")):
-            return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
-
-
 def _instruction_sets() -> list[str]:
-    for line in _cpuinfo():
+    for line in provenance.cpuinfo():
         if line.lower().startswith(("flags", "features")):
             flags = set(line.partition(":")[2].split())
             return [name for name in _INSTRUCTION_SETS if name in flags]
     return []
 
 
-def _cpuinfo() -> list[str]:
-    path = Path("/proc/cpuinfo")
-    return path.read_text(errors="replace").splitlines() if path.exists() else []
-
-
-def usable_cpus() -> int:
-    """How many logical processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _cuda() -> str:
-    import torch
-
     if torch.version.cuda is None:
         return "torch was built without it"
     devices = [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())] if torch.cuda.is_available() else []
@@ -77,16 +58,16 @@ def _cuda() -> str:
 
 
 def _extension() -> list[tuple[str, str]]:
-    from .. import native
-
     if not native.available():
-        return [("extension", f"not loaded: {native.load_error()}; build it with `python setup.py build_ext --inplace`")]
+        state = "there but does not load" if native.is_broken() else "not loaded"
+        return [("extension", f"{state}: {native.load_error()}; build it with `python setup.py build_ext --inplace`")]
     levels = ", ".join(native.isa_levels())
-    cuda = (
-        f"built, variants: {', '.join(native.VARIANTS['cuda'])}"
-        if "cuda" in native.VARIANTS
-        else "not built (needs a torch for CUDA and nvcc)"
-    )
+    if "cuda" in native.VARIANTS:
+        cuda = f"built, variants: {', '.join(native.VARIANTS['cuda'])}"
+    elif native.is_broken("cuda"):
+        cuda = f"there but does not load: {native.load_error('cuda')}"
+    else:
+        cuda = "not built (needs a torch for CUDA and nvcc)"
     return [
         ("extension", "built and loaded"),
         ("extension's levels", f"{levels}; in use: {native.isa()}"),

@@ -13,9 +13,10 @@ import torch
 from numpy.typing import NDArray
 
 from .. import reference
+from ..choices import CULLS
 from ..ops import arguments
-from ..ops.rasterize import CULLS, check_indices
-from ..precision import EXACT
+from ..ops.rasterize import check_indices
+from ..precision import DEFAULT, PRECISIONS, RUNGS
 from ..reference.numerics import BIN, LARGE_THRESHOLD, MAX_SIZE
 from ..reference.records import Bins, Records
 
@@ -25,7 +26,7 @@ _INFINITY = 0x7F800000  # as the bits of a float32; above it are NaN
 # Of the records' fields that a stage reads: type, shape, the sizes behind N, and between what they must lie.
 _FIELDS: dict[str, tuple[torch.dtype, str, tuple[int, ...], tuple[int, int] | None]] = {
     "triangle": (torch.int32, "[N]", (), (0, 2**31 - 1)),
-    "xy": (torch.int32, "[N, 3, 2]", (3, 2), (-EXACT.guard, EXACT.guard - 1)),
+    "xy": (torch.int32, "[N, 3, 2]", (3, 2), None),
     "z": (torch.float32, "[N, 3]", (3,), None),
     "area": (torch.int64, "[N]", (), (1, 2**63 - 1)),
     "bbox": (torch.int32, "[N, 4]", (4,), (0, MAX_SIZE)),
@@ -41,6 +42,7 @@ def setup(
     scissor: Scissor | None = None,
     *,
     backend: str = "auto",
+    precision: str = DEFAULT,
 ) -> tuple[Records, int]:
     """Clip, project, snap, orient and cull: positions float32 [V, 4], triangles int32 [T, 3] to records, and the number dropped.
 
@@ -49,6 +51,7 @@ def setup(
     """
     op = "setup"
     chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
     arguments.check_choice(op, "cull", cull, CULLS)
     height, width = arguments.check_image_size(op, "height and width", (height, width))
     box = arguments.check_scissor(op, scissor, height, width)
@@ -56,60 +59,70 @@ def setup(
     triangles = _array(op, "triangles", triangles, torch.int32, "[T, 3]", 3)
     check_indices(op, torch.from_numpy(triangles), len(positions))
     if chosen == "reference":
-        return reference.setup(positions, triangles, height, width, cull, box)
-    *fields, dropped = _native(op, positions, triangles, height, width, cull, list(box))
+        return reference.setup(positions, triangles, height, width, cull, box, RUNGS[precision])
+    *fields, dropped = _native(op, positions, triangles, height, width, cull=cull, scissor=list(box), precision=precision)
     return Records(*fields), int(dropped)
 
 
-def binning(records: Records, threshold: int = LARGE_THRESHOLD, *, backend: str = "auto") -> Bins:
+def binning(records: Records, threshold: int = LARGE_THRESHOLD, *, backend: str = "auto", precision: str = DEFAULT) -> Bins:
     """The bins of records with more than ``threshold`` px in their bbox, which of them no edge rejects, and the other records."""
     op = "binning"
     chosen = arguments.choose_backend(op, backend)
-    records = _checked(op, records, "xy", "bbox")
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
+    records = _checked(op, precision, records, "xy", "bbox")
     if chosen == "reference":
-        return reference.binning(records, threshold)
-    return Bins(*_native(op, records.xy, records.bbox, threshold))
+        return reference.binning(records, threshold, RUNGS[precision])
+    return Bins(*_native(op, records.xy, records.bbox, threshold, precision=precision))
 
 
 def tile_mask(
-    records: Records, queue: NDArray[np.int32], *, backend: str = "auto"
+    records: Records, queue: NDArray[np.int32], *, backend: str = "auto", precision: str = DEFAULT
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """64-bit masks (touched, full), int64 [Q] each, of the queue's entries int32 [Q, 3] (record, bin column, bin row)."""
     op = "tile_mask"
     chosen = arguments.choose_backend(op, backend)
-    records = _checked(op, records, "xy", "bbox")
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
+    records = _checked(op, precision, records, "xy", "bbox")
     queue = _queue(op, queue, records)
     if chosen == "reference":
-        return reference.tile_mask(records, queue)
-    touched, full = _native(op, records.xy, records.bbox, queue)
+        return reference.tile_mask(records, queue, RUNGS[precision])
+    touched, full = _native(op, records.xy, records.bbox, queue, precision=precision)
     return touched, full
 
 
 def scanline(
-    records: Records, queue: NDArray[np.int32], touched: NDArray[np.int64], small: NDArray[np.int32], *, backend: str = "auto"
+    records: Records,
+    queue: NDArray[np.int32],
+    touched: NDArray[np.int64],
+    small: NDArray[np.int32],
+    *,
+    backend: str = "auto",
+    precision: str = DEFAULT,
 ) -> NDArray[np.int32]:
     """Spans int32 [S, 4] (record, y, lower, upper): of the queue's touched tiles, then of the small records, int32 [M]."""
     op = "scanline"
     chosen = arguments.choose_backend(op, backend)
-    records = _checked(op, records, "xy", "bbox")
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
+    records = _checked(op, precision, records, "xy", "bbox")
     queue = _queue(op, queue, records)
     touched = _array(op, "touched", touched, torch.int64, "[Q]", rows=len(queue))
     small = _array(op, "small", small, torch.int32, "[M]")
     _within(op, "small", small, 0, len(records.xy) - 1)
     if chosen == "reference":
-        return reference.scanline(records, queue, touched, small)
-    return _native(op, records.xy, records.bbox, queue, touched, small)[0]
+        return reference.scanline(records, queue, touched, small, RUNGS[precision])
+    return _native(op, records.xy, records.bbox, queue, touched, small, precision=precision)[0]
 
 
-def depth(records: Records, spans: NDArray[np.int32], *, backend: str = "auto") -> NDArray[np.float32]:
+def depth(records: Records, spans: NDArray[np.int32], *, backend: str = "auto", precision: str = DEFAULT) -> NDArray[np.float32]:
     """Window depth float32 [F] of every pixel of the spans, in their order."""
     op = "depth"
     chosen = arguments.choose_backend(op, backend)
-    records = _checked(op, records, "xy", "z", "area")
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
+    records = _checked(op, precision, records, "xy", "z", "area")
     spans = _spans(op, spans, len(records.xy), MAX_SIZE, MAX_SIZE)
     if chosen == "reference":
-        return reference.depth(records, spans)
-    return _native(op, records.xy, records.z, records.area, spans)[0]
+        return reference.depth(records, spans, RUNGS[precision])
+    return _native(op, records.xy, records.z, records.area, spans, precision=precision)[0]
 
 
 def visibility(
@@ -119,7 +132,7 @@ def visibility(
     op = "visibility"
     chosen = arguments.choose_backend(op, backend)
     height, width = arguments.check_image_size(op, "height and width", (height, width))
-    records = _checked(op, records, "triangle")
+    records = _checked(op, DEFAULT, records, "triangle")
     spans = _spans(op, spans, len(records.triangle), height, width)
     pixels = int((spans[:, 3] - spans[:, 2]).sum(dtype=np.int64))
     depth = _array(op, "depth", depth, torch.float32, "[F]", rows=pixels)
@@ -129,7 +142,9 @@ def visibility(
         raise ValueError("bigtri.visibility: depth must be +0 or more, got a value that is negative, -0 or NaN")
     if chosen == "reference":
         return reference.visibility(records, spans, depth, height, width)
-    return _native(op, records.triangle, spans, depth, height, width)[0]
+    packed = np.empty((height, width), np.int64)
+    _native(op, records.triangle, spans, depth, out=packed)
+    return packed
 
 
 def _array(
@@ -150,12 +165,15 @@ def _within(op: str, name: str, values: NDArray[Any], low: int, high: int) -> No
         raise ValueError(f"bigtri.{op}: {name} must lie in {low} to {high}, got {values.min()} to {values.max()}")
 
 
-def _checked(op: str, records: Records, *names: str) -> Records:
+def _checked(op: str, precision: str, records: Records, *names: str) -> Records:
     """``records`` with the named fields checked, of which the first says how many there are."""
+    guard = RUNGS[precision].guard
     rows = None
     for name in names:
         dtype, shape, sizes, bounds = _FIELDS[name]
         values = _array(op, name, getattr(records, name), dtype, shape, *sizes, rows=rows)
+        if name == "xy":
+            bounds = -guard, guard - 1
         if bounds:
             _within(op, name, values, *bounds)
         rows = len(values)
@@ -183,8 +201,13 @@ def _spans(op: str, spans: NDArray[np.int32], records: int, height: int, width: 
     return spans
 
 
-def _native(op: str, *arguments: Any) -> list[NDArray[Any]]:
+def _native(op: str, *given: Any, **named: Any) -> list[NDArray[Any]]:
     """Call torch.ops.bigtri.<op>, NumPy in and out."""
-    tensors = (torch.from_numpy(a) if isinstance(a, np.ndarray) else a for a in arguments)
-    result = getattr(torch.ops.bigtri, op)(*tensors)
+
+    def tensor(value: Any) -> Any:
+        return torch.from_numpy(value) if isinstance(value, np.ndarray) else value
+
+    result = getattr(torch.ops.bigtri, op)(*map(tensor, given), **{name: tensor(value) for name, value in named.items()})
+    if result is None:  # it wrote to an argument
+        return []
     return [t.numpy() for t in (result if isinstance(result, tuple) else (result,))]

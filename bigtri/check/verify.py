@@ -1,48 +1,144 @@
-"""Compare the extension with the reference stage by stage, in bits, and name the first place where they differ.
+"""Compare the extension, or stages of one's own, with the reference in bits, and say in words where they differ.
 
-Each stage of the extension gets the reference's output of the stage before, so that one fault is reported once, where it is; the
-whole pipeline is compared at the end.
+Each stage gets the reference's output of the stage before, so that one fault is reported once, where it is; the whole
+pipeline is compared at the end. docs/numerics.md leaves the order of the queue open, so what binning and scanline hand out
+is compared as sets.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import itertools
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Literal, NamedTuple, overload
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from .. import native
+from ..ops import arguments
 from ..ops.arguments import Array
 from ..ops.interpolate import barycentrics
-from ..ops.rasterize import rasterize
-from ..reference.numerics import BIN, LARGE_THRESHOLD, TILE
+from ..ops.rasterize import CULLS, rasterize
+from ..reference.numerics import LARGE_THRESHOLD
 from ..reference.records import Bins, Records
-from . import stages
+from . import sentences
+from . import stages as one_stage
+from .sentences import Difference, same_bits
+
+__all__ = ["Difference", "Differences", "compare", "differences", "first_difference", "same_bits"]
 
 Scissor = tuple[int, int, int, int]
+Stage = Callable[..., Any]
+
+# What each stage hands out: name, dtype and shape.
+_OUTPUTS: dict[str, dict[str, tuple[str, tuple[str | int, ...]]]] = {
+    "setup": {
+        "triangle": ("int32", ("N",)),
+        "xy": ("int32", ("N", 3, 2)),
+        "z": ("float32", ("N", 3)),
+        "area": ("int64", ("N",)),
+        "bbox": ("int32", ("N", 4)),
+        "w": ("float64", ("N", 3)),
+        "corner": ("int32", ("N", 3)),
+        "weights": ("float64", ("N", 3, 3)),
+        "clipped": ("bool", ("N",)),
+        "dropped": ("int64", ()),
+    },
+    "binning": {"candidates": ("int32", ("C", 3)), "kept": ("bool", ("C",)), "small": ("int32", ("M",))},
+    "tile_mask": {"touched": ("int64", ("Q",)), "full": ("int64", ("Q",))},
+    "scanline": {"spans": ("int32", ("S", 4))},
+    "depth": {"depth": ("float32", ("F",))},
+    "visibility": {"packed": ("int64", ("H", "W"))},
+    "rasterize": {"packed": ("int64", ("H", "W")), "dropped": ("int64", ())},
+    "attributes": {"barycentrics": ("float32", ("H", "W", 3))},
+}
+_BY_ITSELF = tuple(_OUTPUTS)[:6]  # the stages that rasterize is made of
+_SHOWN = 5  # differences of a stage that are written out
 
 
-class Difference(NamedTuple):
-    """The first place where two backends differ."""
-
-    stage: str  # "setup", "binning", "tile_mask", "scanline", "depth", "visibility", "rasterize" or "attributes"
-    what: str  # the output, and the row of it
-    expected: Any
-    got: Any
-    triangle: int | None = None
-    bin: tuple[int, int] | None = None  # column, row
-    tile: tuple[int, int] | None = None  # column, row within the bin
-    pixel: tuple[int, int] | None = None  # x, y
+class Differences(list[Difference]):
+    """All differences in the order of the stages; as text, the first few of every stage and the number of the others."""
 
     def __str__(self) -> str:
-        places = [("triangle", self.triangle), ("bin", self.bin), ("tile", self.tile), ("pixel", self.pixel)]
-        where = "".join(f", {name} {value}" for name, value in places if value is not None)
-        return f"stage {self.stage}, {self.what}{where}: expected {self.expected}, got {self.got}"
+        lines = []
+        for stage in _OUTPUTS:
+            found = [difference for difference in self if difference.stage == stage]
+            lines += [str(difference) for difference in found[:_SHOWN]]
+            if len(found) > _SHOWN:
+                lines.append(f"stage {stage}, {len(found) - _SHOWN} more differences")
+        return "\n".join(lines) or "no difference"
 
 
-def same_bits(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
-    """Elementwise, for arrays of one shape and dtype: equal as bit patterns, so NaN equals itself and -0 is not 0."""
-    pattern = np.dtype(f"u{a.dtype.itemsize}")
-    return np.ascontiguousarray(a).view(pattern) == np.ascontiguousarray(b).view(pattern)
+@overload
+def compare(
+    positions: Array, triangles: Array, resolution: tuple[int, int], *, every: Literal[False] = False, **options: Any
+) -> Difference | None: ...
+@overload
+def compare(
+    positions: Array, triangles: Array, resolution: tuple[int, int], *, every: Literal[True], **options: Any
+) -> Differences: ...
+def compare(
+    positions: Array, triangles: Array, resolution: tuple[int, int], *, every: bool = False, **options: Any
+) -> Difference | Differences | None:
+    """Run every stage on both backends, or on the reference and callables of your own.
+
+    Args:
+        positions, triangles, resolution, **options: as for ``differences``.
+        every: whether to go on after the first difference. ``differences`` holds one at a time, where there may be millions.
+
+    Returns:
+        The first difference, or None if all bits are equal; with ``every``, a list of all of them.
+
+    Raises:
+        As ``differences``.
+    """
+    arguments.check_flag("verify.compare", "every", every)
+    found = differences(positions, triangles, resolution, **options)
+    return Differences(found) if every else next(found, None)
+
+
+def differences(
+    positions: Array,
+    triangles: Array,
+    resolution: tuple[int, int],
+    *,
+    cull: str = "none",
+    scissor: Scissor | None = None,
+    variant: str = "auto",
+    threshold: int = LARGE_THRESHOLD,
+    stages: Mapping[str, Stage] | None = None,
+) -> Iterator[Difference]:
+    """Run every stage on both backends, on the CPU, and yield the differences one by one; a stage runs when its turn comes.
+
+    Args:
+        positions: float32 [V, 4], clip space.
+        triangles: int32 [T, 3].
+        resolution: (height, width), px.
+        cull, scissor, variant: as for ``rasterize``; ``native.using_isa`` around the call chooses the instruction set.
+        threshold: of the binning stage, px of bbox.
+        stages: your own callables by name, compared in place of the extension's stages: "setup", "binning", "tile_mask",
+            "scanline", "depth" and "visibility" with the arguments and outputs of ``bigtri.reference``; "rasterize"
+            (positions, triangles, height, width, cull, scissor) -> (packed, dropped) for the whole; and "attributes"
+            (packed, positions, triangles) -> barycentrics float32 [H, W, 3]. Each gets, by position, NumPy arrays that it may
+            write to (``Records`` of them; a scissor of four integers inside the image) and returns NumPy arrays or torch
+            tensors. What is not named here is the extension's, and is not compared where that is not built.
+
+    Raises:
+        TypeError, ValueError: an argument of another type, shape or value; no such stage; an output of a callable that is not of
+            the dtype or shape that its stage hands out. The text names it.
+        RuntimeError: a callable raised what is this error's cause; an index in ``triangles`` is out of range; or there is neither
+            the extension nor a callable.
+    """
+    own = _checked_stages(stages)
+    if not own:
+        arguments.choose_backend("verify", "native")
+    arguments.check_choice("verify", "cull", cull, CULLS)
+    arguments.check_choice("verify", "variant", variant, ("auto", *native.VARIANTS.get("cpu", ())))
+    height, width = arguments.check_image_size("verify", "resolution", resolution)
+    box = arguments.check_scissor("verify", scissor, height, width)
+    run = _Run(_as_numpy(positions), _as_numpy(triangles), height, width, cull, box, variant, threshold, own)
+    return run.differences()
 
 
 def first_difference(a: NDArray[Any], b: NDArray[Any]) -> tuple[int, ...] | None:
@@ -56,132 +152,173 @@ def first_difference(a: NDArray[Any], b: NDArray[Any]) -> tuple[int, ...] | None
     return None if len(a) == len(b) else (rows,)
 
 
-def compare(
-    positions: NDArray[np.float32],
-    triangles: NDArray[np.int32],
-    resolution: tuple[int, int],
-    *,
-    cull: str = "none",
-    scissor: Scissor | None = None,
-    variant: str = "auto",
-    threshold: int = LARGE_THRESHOLD,
-) -> Difference | None:
-    """Run every stage on both backends.
+class _Run(NamedTuple):
+    """One scene to be drawn on both sides; ``_on_backend`` is the one place where a backend is called."""
 
-    Args:
-        positions: float32 [V, 4], clip space.
-        triangles: int32 [T, 3].
-        resolution: (height, width), px.
-        cull, scissor, variant: as for ``rasterize``.
-        threshold: of the binning stage, px.
+    positions: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    height: int
+    width: int
+    cull: str
+    scissor: Scissor
+    variant: str
+    threshold: int
+    own: dict[str, Stage]
 
-    Returns:
-        The first difference, or None if all bits are equal.
-    """
-    height, width = resolution
-    expected, dropped = stages.setup(positions, triangles, height, width, cull, scissor, backend="reference")
-    records, lost = stages.setup(positions, triangles, height, width, cull, scissor, backend="native")
-    found = _records(expected, records)
-    if found is None and lost != dropped:
-        found = Difference("setup", "dropped", dropped, lost)
-    found = found or _raster(expected, height, width, threshold)
-    return found or _whole(positions, triangles, resolution, cull, scissor, variant)
+    def differences(self) -> Iterator[Difference]:
+        agree = True
+        for difference in self._stage_by_stage():
+            agree = False
+            yield difference
+        yield from self._whole(agree)
+
+    def _stage_by_stage(self) -> Iterator[Difference]:
+        size = {"H": self.height, "W": self.width}
+        scene = (self.positions, self.triangles, self.height, self.width, self.cull, self.scissor)
+        (*fields, dropped), got = self._both("setup", scene)
+        records = Records(*fields)
+        if got:
+            yield from sentences.setup(records, Records(*got[:-1]))
+            yield from sentences.dropped("setup", int(dropped), int(got[-1]))
+
+        fields, got = self._both("binning", (records, self.threshold))
+        bins = Bins(*fields)
+        if got:
+            yield from sentences.binning(records, self.threshold, bins, Bins(*got))
+
+        queue = bins.candidates[bins.kept]
+        (touched, full), got = self._both("tile_mask", (records, queue), Q=len(queue))
+        if got:
+            yield from sentences.tile_mask(records, queue, (touched, full), (got[0], got[1]))
+
+        (spans,), got = self._both("scanline", (records, queue, touched, bins.small))
+        if got:
+            yield from sentences.scanline(records, spans, got[0])
+
+        pixels = int((spans[:, 3] - spans[:, 2]).sum(dtype=np.int64))
+        (z,), got = self._both("depth", (records, spans), F=pixels)
+        if got:
+            yield from sentences.depth(records, spans, z, got[0])
+
+        (packed,), got = self._both("visibility", (records, spans, z, self.height, self.width), **size)
+        if got:
+            yield from sentences.packed("visibility", packed, got[0])
+
+    def _whole(self, stages_agree: bool) -> Iterator[Difference]:
+        """The pipeline from end to end, and the attributes of what the reference drew."""
+        size = {"H": self.height, "W": self.width}
+        scene = (self.positions, self.triangles, self.height, self.width, self.cull, self.scissor)
+        expected, got = self._both("rasterize", scene, **size)
+        seen = expected[0]
+        if got:
+            blame = self._blame() if stages_agree else ""
+            found = [sentences.packed("rasterize", seen, got[0]), sentences.dropped("rasterize", int(expected[1]), int(got[1]))]
+            if len(got) > 2:
+                found.append(sentences.depth_image(expected[2], seen, got[2]))
+            for difference in itertools.chain(*found):
+                yield difference._replace(sentence=difference.sentence + blame)
+        expected, got = self._both("attributes", (seen, self.positions, self.triangles), **size)
+        if got:
+            yield from sentences.attributes(seen, expected[0], got[0])
+
+    def _both(self, stage: str, given: tuple[Any, ...], **sizes: int) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
+        """The reference's outputs of a stage, and those that are compared with them: none where there is nothing to compare.
+
+        ``sizes``: what the letters of ``_OUTPUTS`` stand for, as far as the arguments fix it.
+        """
+        expected = self._on_backend(stage, given, "reference")
+        if stage in self.own:
+            return expected, _outputs(stage, _call(stage, self.own[stage], given), sizes)
+        return expected, self._on_backend(stage, given, "native") if native.available() else []
+
+    def _on_backend(self, stage: str, given: tuple[Any, ...], backend: str) -> list[NDArray[Any]]:
+        """The stage's outputs; of the whole, the depth image too."""
+        if stage == "attributes":
+            return [_as_numpy(barycentrics(*given, backend=backend))]
+        if stage == "rasterize":
+            options: dict[str, Any] = {"cull": self.cull, "scissor": self.scissor, "variant": self.variant}
+            seen = rasterize(self.positions, self.triangles, (self.height, self.width), backend=backend, **options)
+            return [_as_numpy(image) for image in (seen.packed, seen.dropped, seen.depth)]
+        return _flat(stage, getattr(one_stage, stage)(*given, backend=backend))
+
+    def _blame(self) -> str:
+        """Whose fault it is that the whole differs where no stage does; nothing where not all of its stages were compared."""
+        if "rasterize" in self.own:
+            who, complete = "stages['rasterize']", all(stage in self.own for stage in _BY_ITSELF)
+        else:
+            name = native.VARIANTS["cpu"][0] if self.variant == "auto" else self.variant
+            who, complete = f"variant {name!r}", not any(stage in self.own for stage in _BY_ITSELF)
+        return f"; every stage by itself agrees, so the schedule of {who} is at fault" if complete else ""
 
 
-def _records(expected: Records, got: Records) -> Difference | None:
-    for name, a, b in zip(Records._fields, expected, got, strict=True):
-        index = first_difference(a, b)
-        if index is not None:
-            triangle = int(expected.triangle[index[0]]) if index and index[0] < len(expected.triangle) else None
-            return Difference("setup", f"{name}{list(index)}", _at(a, index), _at(b, index), triangle)
-    return None
+def _checked_stages(stages: Mapping[str, Stage] | None) -> dict[str, Stage]:
+    if stages is None:
+        return {}
+    allowed = ", ".join(map(repr, _OUTPUTS))
+    if not isinstance(stages, Mapping):
+        raise TypeError(f"bigtri.verify: stages must map some of {allowed} to callables, got {arguments.described(stages)}")
+    for name, stage in stages.items():
+        if name not in _OUTPUTS:
+            raise ValueError(f"bigtri.verify: stages must be named {allowed}, got {name!r}")
+        if not callable(stage):
+            raise TypeError(f"bigtri.verify: stages[{name!r}] must be callable, got {arguments.described(stage)}")
+    return dict(stages)
 
 
-def _raster(records: Records, height: int, width: int, threshold: int) -> Difference | None:
-    """The stages from binning to visibility."""
-    bins = stages.binning(records, threshold, backend="reference")
-    got_bins = stages.binning(records, threshold, backend="native")
-    for name, a, b in zip(Bins._fields, bins, got_bins, strict=True):
-        if (index := first_difference(a, b)) is not None:
-            entry = bins.candidates[index[0]] if name != "small" and index and index[0] < len(bins.candidates) else None
-            place = None if entry is None else (int(entry[1]), int(entry[2]))
-            triangle = None if entry is None else int(records.triangle[entry[0]])
-            return Difference("binning", f"{name}{list(index)}", _at(a, index), _at(b, index), triangle, place)
-
-    queue = bins.candidates[bins.kept]
-    touched, full = stages.tile_mask(records, queue, backend="reference")
-    for name, a, b in zip(("touched", "full"), (touched, full), stages.tile_mask(records, queue, backend="native"), strict=True):
-        if (index := first_difference(a, b)) is not None:
-            record, column, row = queue[index[0]].tolist()
-            bit = int(np.unpackbits((a ^ b)[index[0] : index[0] + 1].view(np.uint8), bitorder="little").argmax())
-            mask, got_mask = (f"{int(v[index]) & (2**64 - 1):#018x}" for v in (a, b))
-            where = (int(records.triangle[record]), (column, row), (bit % 8, bit // 8))
-            return Difference("tile_mask", f"{name}{list(index)}", mask, got_mask, *where)
-
-    spans = stages.scanline(records, queue, touched, bins.small, backend="reference")
-    got_spans = stages.scanline(records, queue, touched, bins.small, backend="native")
-    if (index := first_difference(spans, got_spans)) is not None:
-        record, y, lower, _ = (spans if index[0] < len(spans) else got_spans)[index[0]].tolist()
-        pixel = (lower, y)
-        return _at_pixel("scanline", f"span {index[0]}", _row(spans, index), _row(got_spans, index), pixel, records, record)
-
-    z = stages.depth(records, spans, backend="reference")
-    got_z = stages.depth(records, spans, backend="native")
-    if (index := first_difference(z, got_z)) is not None:
-        ends = np.cumsum(spans[:, 3] - spans[:, 2], dtype=np.int64)
-        span = int(np.searchsorted(ends, index[0], side="right"))
-        record, y, _, upper = (int(v) for v in spans[span])
-        pixel = (upper - int(ends[span] - index[0]), y)
-        return _at_pixel("depth", f"fragment {index[0]}", _at(z, index), _at(got_z, index), pixel, records, record)
-
-    packed = stages.visibility(records, spans, z, height, width, backend="reference")
-    return _image("visibility", packed, stages.visibility(records, spans, z, height, width, backend="native"))
-
-
-def _whole(
-    positions: NDArray[np.float32],
-    triangles: NDArray[np.int32],
-    resolution: tuple[int, int],
-    cull: str,
-    scissor: Scissor | None,
-    variant: str,
-) -> Difference | None:
-    """The pipeline from end to end, and the attributes of what it drew."""
-    a, b = (
-        rasterize(positions, triangles, resolution, backend=backend, variant=variant, cull=cull, scissor=scissor)
-        for backend in ("reference", "native")
+def _call(stage: str, function: Stage, given: tuple[Any, ...]) -> Any:
+    """Call one's own stage with copies, so that what it writes to its arguments does not reach the stages after it."""
+    copies = (
+        Records(*map(np.copy, value)) if isinstance(value, Records) else value.copy() if isinstance(value, np.ndarray) else value
+        for value in given
     )
-    if found := _image("rasterize", a.packed, b.packed) or _image("rasterize", a.depth, b.depth):
-        return found
-    expected, got = (barycentrics(a, positions, triangles, backend=backend) for backend in ("reference", "native"))
-    return _image("attributes", expected, got)
+    try:
+        return function(*copies)
+    except Exception as error:
+        raise RuntimeError(f"bigtri.verify: stages[{stage!r}] raised {type(error).__name__}: {error}") from error
 
 
-def _image(stage: str, expected: Array | None, got: Array | None) -> Difference | None:
-    assert isinstance(expected, np.ndarray) and isinstance(got, np.ndarray)  # NumPy in, NumPy out
-    index = first_difference(expected, got)
-    if index is None:
-        return None
-    what = "packed" if expected.dtype == np.int64 else f"{expected.dtype} image"
-    a, b = (f"{int(v[index]):#018x}" if v.dtype == np.int64 else v[index] for v in (expected, got))
-    return _at_pixel(stage, what, a, b, (index[1], index[0]))
+def _outputs(stage: str, result: Any, sizes: dict[str, int]) -> list[NDArray[Any]]:
+    """What one's own stage returned, as arrays of the dtypes and shapes that the stage hands out."""
+    wanted = _OUTPUTS[stage]
+    values = _flat(stage, result)
+    for (name, (dtype, shape)), value in zip(wanted.items(), values, strict=True):
+        fixed = " and ".join(f"{size} = {sizes[size]}" for size in shape if size in sizes)
+        form = f"{dtype} [{', '.join(map(str, shape))}]" + (f" with {fixed}" if fixed else "")
+        text = f"bigtri.verify: stage {stage} must return {name} as {form}, got {arguments.described(value)}"
+        if not isinstance(value, np.ndarray) or value.dtype != dtype:
+            raise TypeError(text)
+        if value.ndim != len(shape) or any(
+            length != (sizes.setdefault(size, length) if isinstance(size, str) else size)
+            for length, size in zip(value.shape, shape, strict=True)
+        ):
+            raise ValueError(text)
+    if stage == "scanline" and len(turned := values[0][values[0][:, 2] > values[0][:, 3]]):
+        raise ValueError(f"bigtri.verify: stage scanline must return spans with lower <= upper, got {turned[0].tolist()}")
+    return values
 
 
-def _at_pixel(
-    stage: str, what: str, expected: Any, got: Any, pixel: tuple[int, int], records: Records | None = None, record: int = 0
-) -> Difference:
-    x, y = pixel
-    tile = (x % BIN // TILE, y % BIN // TILE)
-    triangle = None if records is None else int(records.triangle[record])
-    return Difference(stage, what, expected, got, triangle, (x // BIN, y // BIN), tile, pixel)
+def _flat(stage: str, result: Any) -> list[Any]:
+    """The outputs of a stage one after the other, as NumPy as far as that is known; setup's records field by field."""
+    names = ["records", "dropped"] if stage == "setup" else list(_OUTPUTS[stage])
+    if len(names) == 1:
+        return [_as_numpy(result)]
+    if not isinstance(result, (tuple, list)) or len(result) != len(names):
+        raise _miscounted(stage, "", names, result)
+    if stage == "setup":
+        records, dropped = result
+        if not isinstance(records, (tuple, list)) or len(records) != len(Records._fields):
+            raise _miscounted(stage, "records as ", Records._fields, records)
+        result = (*records, dropped)
+    return [_as_numpy(value) for value in result]
 
 
-def _at(values: NDArray[Any], index: tuple[int, ...]) -> Any:
-    """The element, or what there is to say where there is none."""
-    if not index:
-        return f"{values.dtype} {list(values.shape)}"
-    return values[index] if index[0] < len(values) else f"only {len(values)} rows"
+def _miscounted(stage: str, what: str, names: Any, came: Any) -> TypeError:
+    got = f"{len(came)} values" if isinstance(came, (tuple, list)) else arguments.described(came)
+    return TypeError(f"bigtri.verify: stage {stage} must return {what}a tuple of {', '.join(names)}, got {got}")
 
 
-def _row(values: NDArray[Any], index: tuple[int, ...]) -> Any:
-    return values[index[0]].tolist() if index[0] < len(values) else f"only {len(values)} rows"
+def _as_numpy(value: Any) -> Any:
+    """A tensor as an array, and an integer as one without dimensions; anything else as it is."""
+    if isinstance(value, torch.Tensor):
+        return value.numpy(force=True)
+    return np.array(value, np.int64) if isinstance(value, (int, np.integer)) and not isinstance(value, bool) else value

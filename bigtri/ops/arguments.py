@@ -10,18 +10,19 @@ from typing import Any, TypeAlias, TypeVar, overload
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch._subclasses import FakeTensor
 
-from .. import native
+from .. import native, torch_private, warn
+from ..choices import BACKENDS
 from ..reference.numerics import MAX_SIZE
 
 Array: TypeAlias = "torch.Tensor | NDArray[Any]"
 ArrayT = TypeVar("ArrayT", torch.Tensor, NDArray[Any])
-BACKENDS = ("auto", "reference", "native")
 
 
 def choose_backend(op: str, backend: str) -> str:
     """ "reference" or "native" for what the caller asked for; "auto" is native where the extension is built.
+
+    Warns, once in the process, where "auto" is the reference because the extension is built but does not load.
 
     Raises:
         ValueError: an unknown name.
@@ -29,10 +30,18 @@ def choose_backend(op: str, backend: str) -> str:
     """
     check_choice(op, "backend", backend, BACKENDS)
     if backend == "auto":
-        return "native" if native.available() else "reference"
+        if native.available():
+            return "native"
+        if not torch.compiler.is_compiling():
+            native.warn_if_broken("cpu")
+        return "reference"
     if backend == "native" and not native.available():
+        if native.is_broken():
+            why = f"its library is there but does not load ({native.load_error()}): build it again"
+        else:
+            why = "build it"
         raise RuntimeError(
-            f"bigtri.{op}: backend='native' needs the extension: build it with `python setup.py build_ext --inplace`, "
+            f"bigtri.{op}: backend='native' needs the extension: {why} with `python setup.py build_ext --inplace`, "
             "or pass backend='reference'"
         )
     return backend
@@ -81,6 +90,8 @@ def check_tensor(
 ) -> torch.Tensor:
     """``value`` as a contiguous tensor without a gradient; NumPy memory is shared, not copied.
 
+    Warns, once in the process, of a tensor that requires grad where torch records gradients: none will come.
+
     Args:
         op, name, shape: for the error text; ``shape`` as a reader writes it, e.g. "[V, 3]".
         dtype: the one that is allowed.
@@ -103,12 +114,19 @@ def check_tensor(
     if ndim is not None and value.ndim not in ((ndim,) if isinstance(ndim, int) else ndim):
         raise ValueError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
     if not torch.compiler.is_compiling():  # under torch.compile there is no memory to look at; the operators look when they run
-        if value._is_zerotensor() or value.is_neg():
+        if value.is_cuda and backend == "native":
+            native.warn_if_broken("cuda")
+        if torch_private.is_zero_tensor(value) or value.is_neg():
             value = value.clone().resolve_neg()
         if backend == "reference":
             check_readable(op, name, value)
         check_memory(op, name, value)
-    return (value.detach() if value.requires_grad else value).contiguous()
+    if value.requires_grad:
+        if torch.is_grad_enabled() and not torch.compiler.is_compiling():
+            what = f"bigtri.{op}: {name} requires grad, but nothing in bigtri is differentiable yet and no gradient reaches it"
+            warn.once("grad", f"{what}; pass {name}.detach(), or call it under torch.no_grad()", UserWarning)
+        value = value.detach()
+    return value.contiguous()
 
 
 def check_dense(op: str, name: str, value: object, dtype: torch.dtype, shape: object) -> None:
@@ -139,13 +157,13 @@ def check_memory(op: str, name: str, value: torch.Tensor) -> None:
 
 def check_writable_along(op: str, name: str, value: torch.Tensor) -> None:
     """Raise ValueError where torch cannot run an operator on ``value`` that writes into another tensor."""
-    if torch._is_functional_tensor(value) or torch._C._functorch.is_batchedtensor(value):
+    if torch_private.is_functional(value) or torch_private.is_batched(value):
         raise ValueError(f"bigtri.{op}: {name} must be a plain tensor, got one inside torch.vmap or functionalization")
 
 
 def check_own_memory(op: str, name: str, value: torch.Tensor) -> None:
     """Raise ValueError for a tensor without memory of its own: inside torch.vmap, torch.func or functionalization."""
-    if torch._is_functional_tensor(value) or not torch._C._has_storage(value):
+    if torch_private.is_functional(value) or not torch_private.has_storage(value):
         raise ValueError(
             f"bigtri.{op}: {name} must be a plain tensor, got one inside torch.vmap, torch.func or functionalization"
         )
@@ -155,8 +173,9 @@ def check_readable(op: str, name: str, value: torch.Tensor) -> None:
     """Raise ValueError unless NumPy can read the tensor, where it is or from a copy."""
     check_own_memory(op, name, value)
     # The address of a fake tensor is deprecated; that of a subclass around other tensors is 0. Meta tensors are same_device's.
-    is_fake = isinstance(value, FakeTensor)
-    if is_fake or (value.numel() and not (value.is_meta or value.data_ptr()) and value.untyped_storage().nbytes()):
+    if torch_private.is_fake(value) or (
+        value.numel() and not (value.is_meta or value.data_ptr()) and value.untyped_storage().nbytes()
+    ):
         raise ValueError(f"bigtri.{op}: {name} must be a tensor with data, got {type(value).__name__}")
 
 
@@ -207,7 +226,7 @@ def check_same_device(op: str, backend: str, **arguments: torch.Tensor) -> None:
 
 def check_apart(op: str, output_name: str, output: torch.Tensor, **inputs: torch.Tensor) -> None:
     """Raise ValueError where an output shares memory with an input, all contiguous; not where there is no memory to look at."""
-    if isinstance(output, FakeTensor):
+    if torch_private.is_fake(output):
         return
     begin, end = _extent(output)
     for name, value in inputs.items():
@@ -216,9 +235,48 @@ def check_apart(op: str, output_name: str, output: torch.Tensor, **inputs: torch
             raise ValueError(f"bigtri.{op}: {output_name} must not share memory with {name}")
 
 
-def beside(constant: torch.Tensor, value: torch.Tensor) -> torch.Tensor:
-    """``constant``, as a fake tensor where ``value`` is one: torch lets no operator have both kinds."""
-    return value.fake_mode.from_tensor(constant) if isinstance(value, FakeTensor) else constant
+def check_output(
+    op: str, out: Array | None, dtype: torch.dtype, shape: tuple[int, ...], device: torch.device, **inputs: torch.Tensor
+) -> torch.Tensor:
+    """New memory for a result, or the caller's ``out``, which must be apart from what is read.
+
+    Raises:
+        TypeError, ValueError: ``out`` is of another dtype, shape or device, or shares memory with an input; the text names it.
+    """
+
+    def wrong(error: type[Exception], also: str = "") -> Exception:
+        wanted = f"{_short(dtype)} {list(shape)}, contiguous, on {device}"
+        return error(f"bigtri.{op}: out must be {wanted}, got {described(out)}{also}")
+
+    if not torch.compiler.is_compiling():
+        for name, value in inputs.items():
+            check_writable_along(op, name, value)
+    if out is None:
+        return torch.empty(shape, dtype=dtype, device=device)
+    # A NumPy array is looked at as it is: torch takes no other byte order and no negative strides.
+    if isinstance(out, np.ndarray):
+        if not out.flags.writeable:
+            raise ValueError(f"bigtri.{op}: out must be writable, got a read-only NumPy array")
+        is_wanted, is_contiguous = out.dtype == np.dtype(_short(dtype)), out.flags.c_contiguous
+    else:
+        check_dense(op, "out", out, dtype, list(shape))
+        is_wanted, is_contiguous = out.dtype == dtype, out.is_contiguous()
+    if not is_wanted:
+        raise wrong(TypeError)
+    if out.shape != shape:
+        raise wrong(ValueError)
+    if not is_contiguous:
+        raise wrong(ValueError, f" with strides {out.strides if isinstance(out, np.ndarray) else out.stride()}")
+    tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) else out
+    if tensor.device != device:
+        raise wrong(ValueError, f" on {tensor.device}")
+    if not torch.compiler.is_compiling():
+        check_own_memory(op, "out", tensor)
+        if tensor.is_neg() or torch_private.is_zero_tensor(tensor):
+            raise wrong(ValueError, ", a negated view" if tensor.is_neg() else ", a zero tensor without memory")
+        check_memory(op, "out", tensor)
+        check_apart(op, "out", tensor, **inputs)
+    return tensor
 
 
 def on_reference(function: Callable[..., NDArray[Any]], *arguments: Any) -> torch.Tensor:

@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 
+from ..precision import DEFAULT, PRECISIONS, RUNGS
 from ..reference import attributes as reference
 from ..reference.numerics import MAX_SIZE
 from . import arguments
@@ -14,7 +15,14 @@ from .rasterize import Visibility, check_indices
 
 
 def interpolate(
-    attributes: Array, visibility: Visibility | Array, positions: Array, triangles: Array, *, backend: str = "auto"
+    attributes: Array,
+    visibility: Visibility | Array,
+    positions: Array,
+    triangles: Array,
+    *,
+    backend: str = "auto",
+    precision: str = DEFAULT,
+    out: Array | None = None,
 ) -> Array:
     """Perspective-correct vertex attributes of the visible triangle at every pixel centre.
 
@@ -25,6 +33,8 @@ def interpolate(
         positions: the clip-space positions it was drawn from, float32 [V, 4] or [B, V, 4].
         triangles: int32 [T, 3].
         backend: "auto", "reference" or "native"; the bits are the same.
+        precision: the rung that the buffer was drawn with.
+        out: float32, contiguous, of the result's shape, apart from the inputs: written instead of new memory.
 
     Returns:
         float32 [H, W, C] or [B, H, W, C], 0 on the background; NumPy if ``visibility`` is NumPy. Never requires grad.
@@ -36,6 +46,7 @@ def interpolate(
     """
     op = "interpolate"
     chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
     given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
     values = arguments.check_tensor(op, "attributes", attributes, torch.float32, "[V, C] or [B, V, C]", (2, 3), chosen)
     values = values if values.ndim == 3 else values[None]
@@ -44,18 +55,29 @@ def interpolate(
         arguments.check_size(op, "attributes", values, 0, packed.shape[0], "B, as in visibility")
     arguments.check_same_device(op, chosen, visibility=packed, attributes=values)
 
+    shape = (*given.shape, values.shape[2])
+    inputs = {"visibility": packed, "positions": clip, "triangles": faces, "attributes": values}
+    result = arguments.check_output(op, out, torch.float32, shape, packed.device, **inputs)
+    images = result.view(*packed.shape, values.shape[2])
     if chosen == "native":
-        result = torch.ops.bigtri.interpolate(packed, clip, faces, values)
+        torch.ops.bigtri.interpolate(packed, clip, faces, values, precision=precision, out=images)
     else:
         check_indices(op, faces, clip.shape[1])
         values = values.expand(packed.shape[0], -1, -1)
-        views = zip(packed, clip, values, strict=True)
-        images = [arguments.on_reference(reference.interpolate, view, p, faces, a) for view, p, a in views]
-        result = torch.stack(images) if images else values.new_zeros(*packed.shape, values.shape[2])
-    return arguments.like(result[0] if given.ndim == 2 else result, given)
+        for image, view, p, a in zip(images, packed, clip, values, strict=True):
+            image.copy_(arguments.on_reference(reference.interpolate, view, p, faces, a, RUNGS[precision]))
+    return arguments.like(result, given)
 
 
-def barycentrics(visibility: Visibility | Array, positions: Array, triangles: Array, *, backend: str = "auto") -> Array:
+def barycentrics(
+    visibility: Visibility | Array,
+    positions: Array,
+    triangles: Array,
+    *,
+    backend: str = "auto",
+    precision: str = DEFAULT,
+    out: Array | None = None,
+) -> Array:
     """Perspective-correct weights of the visible triangle's corners 0, 1 and 2 at every pixel centre.
 
     Args:
@@ -64,6 +86,8 @@ def barycentrics(visibility: Visibility | Array, positions: Array, triangles: Ar
         positions: the clip-space positions it was drawn from, float32 [V, 4] or [B, V, 4].
         triangles: int32 [T, 3].
         backend: "auto", "reference" or "native"; the bits are the same.
+        precision: the rung that the buffer was drawn with.
+        out: float32, contiguous, of the result's shape, apart from the inputs: written instead of new memory.
 
     Returns:
         float32 [H, W, 3] or [B, H, W, 3], 0 on the background; NumPy if ``visibility`` is NumPy. Never requires grad.
@@ -75,14 +99,18 @@ def barycentrics(visibility: Visibility | Array, positions: Array, triangles: Ar
     """
     op = "barycentrics"
     chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "precision", precision, PRECISIONS)
     given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
+    inputs = {"visibility": packed, "positions": clip, "triangles": faces}
+    result = arguments.check_output(op, out, torch.float32, (*given.shape, 3), packed.device, **inputs)
+    images = result.view(*packed.shape, 3)
     if chosen == "native":
-        result = torch.ops.bigtri.barycentrics(packed, clip, faces)
+        torch.ops.bigtri.barycentrics(packed, clip, faces, precision=precision, out=images)
     else:
         check_indices(op, faces, clip.shape[1])
-        images = [arguments.on_reference(reference.barycentrics, view, p, faces) for view, p in zip(packed, clip, strict=True)]
-        result = torch.stack(images) if images else clip.new_zeros(*packed.shape, 3)
-    return arguments.like(result[0] if given.ndim == 2 else result, given)
+        for image, view, p in zip(images, packed, clip, strict=True):
+            image.copy_(arguments.on_reference(reference.barycentrics, view, p, faces, RUNGS[precision]))
+    return arguments.like(result, given)
 
 
 def _drawing(

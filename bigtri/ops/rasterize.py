@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from typing import NamedTuple
 
-import numpy as np
 import torch
 
 from .. import native
+from ..choices import CULLS
+from ..precision import PRECISIONS, RUNGS, Arithmetic
 from ..reference import pipeline
 from . import arguments
 from .arguments import Array
 
-CULLS = ("none", "back", "front")
-PRECISIONS = ("exact",)
 # packed is (depth bits << 32) | triangle: the low half of each int64 is the triangle, and -1 on the background.
 _LOW_HALF = 0 if sys.byteorder == "little" else 1
 
@@ -36,6 +36,7 @@ def rasterize(
     backend: str = "auto",
     variant: str = "auto",
     precision: str = "exact",
+    parameters: Mapping[str, int] | None = None,
     cull: str = "none",
     scissor: tuple[int, int, int, int] | None = None,
     validate: bool | None = None,
@@ -50,7 +51,10 @@ def rasterize(
         resolution: (height, width) in px, 1 to 16384 each.
         backend: "reference" (the NumPy oracle), "native" (the extension), or "auto": native where it is built. Same bits.
         variant: how the native backend schedules the work, "auto" or one of ``bigtri.native.VARIANTS[device type]``. Same bits.
-        precision: "exact", the only rung of the ladder so far.
+        precision: a rung of the ladder: "exact", or "subpixel4", which snaps vertices to 1/16 instead of 1/256 px. Each rung
+            has its own bits, the same on every backend; on CUDA not every variant is compiled for every rung.
+        parameters: numbers of the variant's, by name; ``bigtri.native.REGISTRY`` says which there are and what they may be. They
+            change no bit. The reference has none.
         cull: "none", "back" or "front": faces not to draw. Front faces are counter-clockwise on the screen.
         scissor: (x0, y0, x1, y1) in px, half-open; nothing is drawn outside it.
         validate: on the CPU indices are always checked. On CUDA a triangle with an index out of range is dropped and counted;
@@ -83,29 +87,47 @@ def rasterize(
     arguments.check_size(op, "positions", clip, -1, 4, "x, y, z, w")
     arguments.check_size(op, "triangles", faces, 1, 3, "corners")
     arguments.check_same_device(op, "reference", positions=clip, triangles=faces)  # no backend draws on the meta device
-    built = native.VARIANTS
+    built = native.REGISTRY
     if chosen == "native" and clip.device.type not in built:
-        raise ValueError(
-            f"bigtri.{op}: positions must be on {' or '.join(built)}, as the extension is built here, got {clip.device}"
-        )
-    if not torch.compiler.is_compiling():
-        arguments.check_writable_along(op, "positions", clip)
-        arguments.check_writable_along(op, "triangles", faces)
-    variants = built.get(clip.device.type, ())
+        why = "as the extension is built here"
+        if clip.is_cuda and native.is_broken("cuda"):
+            why = f"as the extension's library for cuda does not load here ({native.load_error('cuda')})"
+        raise ValueError(f"bigtri.{op}: positions must be on {' or '.join(built)}, {why}, got {clip.device}")
+    variants = built[clip.device.type][precision] if clip.device.type in built else {}
     arguments.check_choice(op, "variant", variant, ("auto", *variants))
+    if parameters and chosen == "reference":
+        raise ValueError(f"bigtri.{op}: parameters must be None with the reference, which has none, got {dict(parameters)}")
     shape = (*clip.shape[:-2], height, width)
     views = clip if clip.ndim == 3 else clip[None]
 
-    packed = _output(op, out, shape, clip, faces).view(views.shape[0], height, width)
+    result = arguments.check_output(op, out, torch.int64, shape, clip.device, positions=clip, triangles=faces)
+    packed = result.view(views.shape[0], height, width)
     dropped = torch.empty(views.shape[0], dtype=torch.int64, device=clip.device)
     image = torch.empty(packed.shape, dtype=torch.float32, device=clip.device) if depth else None
     if chosen == "native":
         if validate:
             check_indices(op, faces, clip.shape[-2])
-        name = variants[0] if variant == "auto" else variant
-        torch.ops.bigtri.rasterize(views, faces, height, width, cull, list(box), name, packed, image, dropped)
+        picked = next(iter(variants.values())) if variant == "auto" else variants[variant]
+        torch.ops.bigtri.rasterize(
+            views,
+            faces,
+            height,
+            width,
+            cull=cull,
+            scissor=list(box),
+            variant=picked.name,
+            precision=precision,
+            samples=1,
+            parameters=native.parameter_values(op, picked, parameters),
+            ranges=None,
+            behind=None,
+            packed=packed,
+            depth=image,
+            dropped=dropped,
+            counters=None,
+        )
     else:
-        _draw_reference(op, views, faces, box, cull, packed, image, dropped)
+        _draw_reference(op, views, faces, box, cull, RUNGS[precision], packed, image, dropped)
 
     packed = packed.view(shape)
     return Visibility(
@@ -134,6 +156,7 @@ def _draw_reference(
     faces: torch.Tensor,
     box: tuple[int, int, int, int],
     cull: str,
+    arithmetic: Arithmetic,
     packed: torch.Tensor,
     image: torch.Tensor | None,
     dropped: torch.Tensor,
@@ -142,45 +165,11 @@ def _draw_reference(
     check_indices(op, faces, views.shape[1])
     for b, clip in enumerate(views):
         height, width = packed.shape[1:]
-        result, lost = pipeline.rasterize(clip.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box)
+        result, lost = pipeline.rasterize(
+            clip.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box, arithmetic=arithmetic
+        )
         packed[b] = torch.from_numpy(result)
         dropped[b] = lost
     if image is not None:
         high = (packed >> 32).to(torch.int32)
         image.copy_(torch.where(packed == torch.iinfo(torch.int64).max, torch.inf, high.view(torch.float32)))
-
-
-def _output(op: str, out: Array | None, shape: tuple[int, ...], positions: torch.Tensor, triangles: torch.Tensor) -> torch.Tensor:
-    """New memory for ``packed``, or the caller's ``out``, which must be apart from what is read."""
-    device = positions.device
-
-    def wrong(error: type[Exception], also: str = "") -> Exception:
-        wanted = f"int64 {list(shape)}, contiguous, on {device}"
-        return error(f"bigtri.{op}: out must be {wanted}, got {arguments.described(out)}{also}")
-
-    if out is None:
-        return torch.empty(shape, dtype=torch.int64, device=device)
-    # A NumPy array is looked at as it is: torch takes no other byte order and no negative strides.
-    if isinstance(out, np.ndarray):
-        if not out.flags.writeable:
-            raise ValueError(f"bigtri.{op}: out must be writable, got a read-only NumPy array")
-        is_int64, is_contiguous = out.dtype == np.int64, out.flags.c_contiguous
-    else:
-        arguments.check_dense(op, "out", out, torch.int64, list(shape))
-        is_int64, is_contiguous = out.dtype == torch.int64, out.is_contiguous()
-    if not is_int64:
-        raise wrong(TypeError)
-    if out.shape != shape:
-        raise wrong(ValueError)
-    if not is_contiguous:
-        raise wrong(ValueError, f" with strides {out.strides if isinstance(out, np.ndarray) else out.stride()}")
-    tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) else out
-    if tensor.device != device:
-        raise wrong(ValueError, f" on {tensor.device}")
-    if not torch.compiler.is_compiling():
-        arguments.check_own_memory(op, "out", tensor)
-        if tensor.is_neg() or tensor._is_zerotensor():
-            raise wrong(ValueError, ", a negated view" if tensor.is_neg() else ", a zero tensor without memory")
-        arguments.check_memory(op, "out", tensor)
-        arguments.check_apart(op, "out", tensor, positions=positions, triangles=triangles)
-    return tensor

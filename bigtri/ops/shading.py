@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from .. import torch_private
 from ..reference import shading as reference
 from . import arguments
 from .arguments import Array, ArrayT
@@ -16,7 +17,14 @@ _DECODED = torch.from_numpy(np.array(reference.decode_table()))  # float32 [256]
 
 
 def lambert(
-    normals: ArrayT, albedo: Array, ambient: Array, light_directions: Array, light_colors: Array, *, backend: str = "auto"
+    normals: ArrayT,
+    albedo: Array,
+    ambient: Array,
+    light_directions: Array,
+    light_colors: Array,
+    *,
+    backend: str = "auto",
+    out: Array | None = None,
 ) -> ArrayT:
     """Diffuse light: ``albedo * (ambient + sum of color * max(n . l, 0))``.
 
@@ -27,6 +35,7 @@ def lambert(
         light_directions: float32 [L, 3], towards the light, used as given: of unit length, unless a length is to scale the light.
         light_colors: float32 [L, 3], linear.
         backend: "auto", "reference" or "native"; the bits are the same.
+        out: float32 [..., 3], contiguous, apart from the inputs: written instead of new memory.
 
     Returns:
         float32 [..., 3], linear; NumPy if ``normals`` is NumPy. Never requires grad.
@@ -53,14 +62,20 @@ def lambert(
     )
 
     values = (n.reshape(-1, 3), base.reshape(-1, 3), around, directions, colors)
-    result = torch.ops.bigtri.lambert(*values) if chosen == "native" else arguments.on_reference(reference.lambert, *values)
-    return arguments.like(result.reshape(n.shape), normals)
+    inputs = {"normals": n, "albedo": base, "ambient": around, "light_directions": directions, "light_colors": colors}
+    result = arguments.check_output(op, out, torch.float32, tuple(n.shape), n.device, **inputs)
+    if chosen == "native":
+        torch.ops.bigtri.lambert(*values, out=result.view(-1, 3))
+    else:
+        result.copy_(arguments.on_reference(reference.lambert, *values).view(n.shape))
+    return arguments.like(result, normals)
 
 
-def encode_srgb(linear: ArrayT, *, backend: str = "auto") -> ArrayT:
+def encode_srgb(linear: ArrayT, *, backend: str = "auto", out: Array | None = None) -> ArrayT:
     """Linear light (float32, any shape) to 8-bit sRGB (uint8, the same shape), rounded to the nearest code.
 
-    Values outside [0, 1] saturate, NaN gives 0. NumPy if ``linear`` is NumPy.
+    Values outside [0, 1] saturate, NaN gives 0. NumPy if ``linear`` is NumPy. ``out``, uint8 and
+    contiguous, is written instead of new memory.
 
     Raises:
         TypeError: not float32; the text says what came.
@@ -68,11 +83,12 @@ def encode_srgb(linear: ArrayT, *, backend: str = "auto") -> ArrayT:
     op = "encode_srgb"
     chosen = arguments.choose_backend(op, backend)
     values = arguments.check_tensor(op, "linear", linear, torch.float32, "[...]", None, chosen)
+    arguments.check_same_device(op, chosen, linear=values)
+    result = arguments.check_output(op, out, torch.uint8, tuple(values.shape), values.device, linear=values)
     if chosen == "native":
-        result = torch.ops.bigtri.encode_srgb(values, arguments.beside(_THRESHOLDS, values))  # on the CPU for a GPU too
+        torch.ops.bigtri.encode_srgb(values, torch_private.beside(_THRESHOLDS, values), out=result)  # on the CPU for a GPU too
     else:
-        arguments.check_same_device(op, chosen, linear=values)
-        result = arguments.on_reference(reference.encode_srgb, values)
+        result.copy_(arguments.on_reference(reference.encode_srgb, values))
     return arguments.like(result, linear)
 
 
@@ -87,4 +103,4 @@ def decode_srgb(encoded: ArrayT, *, backend: str = "auto") -> ArrayT:
     op = "decode_srgb"
     arguments.choose_backend(op, backend)
     codes = arguments.check_tensor(op, "encoded", encoded, torch.uint8, "[...]", None)
-    return arguments.like(arguments.beside(_DECODED, codes).to(codes.device)[codes.long()], encoded)
+    return arguments.like(torch_private.beside(_DECODED, codes).to(codes.device)[codes.long()], encoded)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 
+from .. import warn
 from ..reference import texture as reference
 from ..reference.numerics import MAX_TEXTURE
 from . import arguments
@@ -11,19 +12,32 @@ from .arguments import Array, ArrayT
 
 FILTERS = ("bilinear", "nearest")
 WRAPS = ("repeat", "clamp")
+# A texture with as many rows as a picture has channels, and at least so many columns and channels, looks like a picture
+# with its channels first. A smaller one may as well be a table of features, which often has few rows.
+_PICTURE_CHANNELS, _PICTURE_SIDE = (1, 3, 4), 16
 
 
 def sample_texture(
-    texture: Array, uv: ArrayT, *, filter: str = "bilinear", wrap: str = "repeat", backend: str = "auto"
+    texture: Array,
+    uv: ArrayT,
+    *,
+    filter: str = "bilinear",
+    wrap: str = "repeat",
+    backend: str = "auto",
+    out: Array | None = None,
 ) -> ArrayT:
     """Look ``uv`` up in ``texture``, without mipmaps.
 
     Args:
-        texture: float32 [Ht, Wt, C], 1 to 65536 px a side, row 0 on top; linear light if it is to be shaded.
+        texture: float32 [Ht, Wt, C], 1 to 65536 px a side, row 0 on top, channels last; linear light if it is to be
+            shaded. C may be any number, so [C, Ht, Wt], as torch's convolutions have it, is a texture of C rows too.
+            Where that looks like a picture of 1, 3 or 4 channels there is a warning, once in the process; nothing else
+            tells the two apart.
         uv: float32 [..., 2]; (0, 0) is the lower left corner of the image, (1, 1) the upper right one.
         filter: "bilinear" or "nearest".
         wrap: what lies beyond [0, 1]: "repeat" or "clamp".
         backend: "auto", "reference" or "native"; the bits are the same.
+        out: float32 [..., C], contiguous, apart from the inputs: written instead of new memory.
 
     Returns:
         float32 [..., C]; NumPy if ``uv`` is NumPy. A uv pair with a NaN or an infinity reads as (0, 0). Never requires grad.
@@ -36,18 +50,24 @@ def sample_texture(
     arguments.check_choice(op, "filter", filter, FILTERS)
     arguments.check_choice(op, "wrap", wrap, WRAPS)
     texels = arguments.check_tensor(op, "texture", texture, torch.float32, "[Ht, Wt, C]", 3, chosen)
-    height, width, channels = texels.shape
+    height, width, channels = (int(n) for n in texels.shape)
     if height == 0 or width == 0:
         raise ValueError(f"bigtri.{op}: texture must have at least one texel, got {list(texels.shape)}")
     if height > MAX_TEXTURE or width > MAX_TEXTURE:
         raise ValueError(f"bigtri.{op}: texture must be at most {MAX_TEXTURE} px a side, got {list(texels.shape)}")
+    if not torch.compiler.is_compiling() and height in _PICTURE_CHANNELS and min(width, channels) >= _PICTURE_SIDE:
+        what = f"texture {list(texels.shape)} is read as [Ht, Wt, C]: {height} px high, of {channels} channels"
+        advice = "if it is [C, Ht, Wt], pass texture.permute(1, 2, 0)"
+        warn.once("texture", f"bigtri.{op}: {what}; {advice}", UserWarning)
     coordinates = arguments.check_tensor(op, "uv", uv, torch.float32, "[..., 2]", None, chosen)
     arguments.check_size(op, "uv", coordinates, -1, 2, "u, v")
     arguments.check_same_device(op, chosen, uv=coordinates, texture=texels)
 
     flat = coordinates.reshape(-1, 2)
+    shape = (*coordinates.shape[:-1], channels)
+    result = arguments.check_output(op, out, torch.float32, shape, coordinates.device, texture=texels, uv=coordinates)
     if chosen == "native":
-        result = torch.ops.bigtri.sample_texture(texels, flat, filter, wrap)
+        torch.ops.bigtri.sample_texture(texels, flat, filter=filter, wrap=wrap, out=result.view(-1, channels))
     else:
-        result = arguments.on_reference(reference.sample_texture, texels, flat, filter, wrap)
-    return arguments.like(result.reshape(*coordinates.shape[:-1], channels), uv)
+        result.copy_(arguments.on_reference(reference.sample_texture, texels, flat, filter, wrap).view(shape))
+    return arguments.like(result, uv)

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..check import stages
+from ..choices import VIEWS
 from ..ops.rasterize import Visibility
 from ..precision import EXACT
-from ..reference.numerics import BIN, TILE
+from ..reference.numerics import BIN, LARGE_THRESHOLD, TILE
 from ..reference.records import Records
 from ..reference.shading import encode_srgb
 from ..scene.camera import Camera
@@ -19,8 +20,6 @@ from ..scene.scene import Scene
 from . import figure
 from .figure import Color
 from .render import render
-
-VIEWS = ("shaded", "normals", "depth", "ids", "overdraw", "bins")
 
 _BACKGROUND: Color = (38, 46, 66)  # for what is not there: a dark blue that no grey, normal or id is taken for
 _REJECTED: Color = (214, 62, 62)
@@ -167,9 +166,9 @@ def bins(
     height, width = resolution
     chosen = triangles if triangle is None else triangles[triangle : triangle + 1]
     # A single triangle is shown in bins whatever its size; of a scene, only what the method does bin.
-    threshold = {} if triangle is None else {"threshold": 0}
+    threshold = LARGE_THRESHOLD if triangle is None else 0
     records, _ = stages.setup(positions, chosen, height, width, cull, backend=backend)
-    candidates, kept, small = stages.binning(records, backend=backend, **threshold)
+    candidates, kept, small = stages.binning(records, threshold, backend=backend)
     queue = candidates[kept]
     touched, full = stages.tile_mask(records, queue, backend=backend)
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import warn
+
 Vector = tuple[float, float, float]
 
 # Where near and far are not given: this fraction, and this multiple, of the distance from eye to target. Window depth is rounded
@@ -25,7 +27,8 @@ class Camera:
     Attributes:
         eye, target: world space, any unit of length.
         up: the direction that points up in the picture; need not be perpendicular to the view.
-        fov_y: the vertical field of view, degrees, in (0, 180).
+        fov_y: the vertical field of view, degrees, in (0, 180). Below pi, where any in radians is and few lenses are,
+            there is a warning, once in the process.
         near, far: distances along the view direction, in world units; None: a hundredth of, and a hundred times, the distance
             from eye to target. What is nearer than near is clipped, what is farther than far is not drawn.
 
@@ -76,7 +79,9 @@ class Camera:
             radius: its distance from there, > 0.
             azimuth: degrees around the up axis, counter-clockwise as seen from above; 0 is in front of the model (+z, or -y where
                 z is up).
-            elevation: degrees above the horizon, in [-90, 90]; straight from above or below is allowed.
+            elevation: degrees above the horizon, in [-90, 90]; straight from above or below is allowed. Either angle is
+                warned of, once in the process, where it is a whole number of degrees in radians, such as pi / 6. Other
+                radians cannot be told from small angles.
             up_axis: "y" or "z".
             **settings: fov_y, near, far.
 
@@ -88,6 +93,9 @@ class Camera:
         azimuth, elevation = number(op, "azimuth", azimuth), number(op, "elevation", elevation)
         if not -90 <= elevation <= 90:
             raise ValueError(f"bigtri.Camera.orbit: elevation must be in [-90, 90] degrees, got {elevation}")
+        for name, angle in (("azimuth", azimuth), ("elevation", elevation)):
+            if _is_in_radians(angle):
+                _warn_of_radians(op, name, angle)
         if up_axis not in ("y", "z"):
             raise ValueError(f"bigtri.Camera.orbit: up_axis must be 'y' or 'z', got {up_axis!r}")
         turn, rise = math.radians(azimuth), math.radians(elevation)
@@ -270,7 +278,23 @@ def _field_of_view(owner: str, fov_y: float) -> float:
     # In radians the smallest of all floats is 0.
     if not (0 < result < 180 and math.radians(result) / 2 > 0):
         raise ValueError(f"bigtri.{owner}: fov_y must be in (0, 180) degrees, got {fov_y!r}")
+    if result < math.pi:
+        _warn_of_radians(owner, "fov_y", result)
     return result
+
+
+def _is_in_radians(angle: float) -> bool:
+    """Whether an angle up to a full turn is the radians of a whole number of degrees, as near as float32 has them.
+
+    No such angle is a number of up to three decimals, so that nobody means it as degrees.
+    """
+    whole = math.radians(round(math.degrees(angle)))
+    return 0 < abs(whole) <= 2 * math.pi and abs(angle - whole) < 1e-6
+
+
+def _warn_of_radians(owner: str, name: str, angle: float) -> None:
+    what = f"bigtri.{owner}: {name} is in degrees, got {angle:.6g}, which looks like radians"
+    warn.once(name, f"{what}; {angle:.6g} radians are {math.degrees(angle):.6g} degrees", UserWarning)
 
 
 def _y_up_to_z_up(v: Vector) -> Vector:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..choices import CULLS
 from ..ops import arguments
-from ..ops.rasterize import CULLS
 from ..ops.texture import FILTERS, WRAPS
 from .camera import Vector, vector
 
@@ -42,7 +42,7 @@ class Material:
     Attributes:
         name: for people.
         base_color: linear red, green, blue.
-        texture: float32 [Ht, Wt, 3], linear, row 0 on top, or None.
+        texture: float32 [Ht, Wt, 3], linear, row 0 on top, the channels last, or None.
         wrap, filter: how the texture is read: "repeat" or "clamp", "bilinear" or "nearest".
         vertex_colors: whether the scene's vertex colours apply.
         smooth: whether normals are interpolated from the vertices; otherwise each triangle is flat.
@@ -66,6 +66,12 @@ class Material:
             raise TypeError(f"bigtri.Material: name must be text, got {self.name!r}")
         object.__setattr__(self, "base_color", vector("Material", "base_color", self.base_color))
         if self.texture is not None:
+            shape = self.texture.shape if isinstance(self.texture, np.ndarray) else ()
+            if len(shape) == 3 and shape[0] in (1, 3, 4) and shape[2] not in (1, 3, 4):
+                raise ValueError(
+                    f"bigtri.Material: texture must be float32 [Ht, Wt, 3], got {list(shape)}, "
+                    "which looks like [C, Ht, Wt]: pass texture.transpose(1, 2, 0)"
+                )
             texture = _checked("Material", "texture", self.texture, np.float32, "Ht", "Wt", 3)
             if texture.size == 0:
                 raise ValueError(f"bigtri.Material: texture must have at least one texel, got {list(texture.shape)}")

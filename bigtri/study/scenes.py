@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from ..reference.numerics import MAX_SIZE
 
 SEED = 1000
+DEFAULT = "S1,S2,S3,S4f,S4b,S5,S6-200k"  # what benchmarks draw unless they are told: all that takes a CPU milliseconds
 SUBPIXELS = 256
 MESH_CELL = 4.5  # px: a cell is two triangles of 4.5^2 / 2 = 10 px
 MESH_CELL_200K = 40.0**0.5  # px: two triangles of 20 px

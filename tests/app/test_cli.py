@@ -8,10 +8,9 @@ import pytest
 import trimesh
 from skimage import io
 
-from bigtri import __version__
-from bigtri.app import cli
-from bigtri.rendering.views import VIEWS
-from bigtri.study import benchmark
+from bigtri import __version__, warn
+from bigtri.app import bench, cli
+from bigtri.choices import VIEWS
 
 
 @pytest.fixture
@@ -99,7 +98,7 @@ def test_errors_are_one_line(monkeypatch, capsys, error, code):
     def fail(argv):
         raise error
 
-    monkeypatch.setattr(benchmark, "main", fail)
+    monkeypatch.setattr(bench, "main", fail)
     assert cli.main(["bench"]) == code
     assert capsys.readouterr().err in ("bigtri bench: a b\n", "bigtri bench: x\n", "bigtri bench: MemoryError\n")
 
@@ -116,6 +115,17 @@ def test_warnings_are_one_line(tmp_path, capsys):
     assert len(warning) == 1 and warning[0].startswith("bigtri: warning: ")
 
 
+def test_radians_on_the_command_line(model, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(warn, "_said", set())
+    out = str(tmp_path / "x.png")
+    assert cli.main(["render", str(model), "-o", out, "--size", "32x32", "--fov", "0.7"]) == 0
+    said = [line for line in capsys.readouterr().err.splitlines() if "warning" in line]
+    assert said == [
+        "bigtri: warning: bigtri.Camera.framing: fov_y is in degrees, got 0.7, which looks like radians; "
+        "0.7 radians are 40.107 degrees"
+    ]
+
+
 def test_info(capsys):
     assert cli.main(["info"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -126,7 +136,7 @@ def test_info(capsys):
 
 def test_bench_hands_its_arguments_on(monkeypatch):
     received = []
-    monkeypatch.setattr(benchmark, "main", lambda argv: received.append(argv) or 0)
+    monkeypatch.setattr(bench, "main", lambda argv: received.append(argv) or 0)
     assert cli.main(["bench", "--quick", "--help"]) == 0
     assert received == [["--quick", "--help"]]
 
@@ -136,6 +146,61 @@ def test_help_as_a_module(arguments):
     done = subprocess.run([sys.executable, "-m", "bigtri", *arguments], capture_output=True, text=True, check=True)
     assert "bigtri" in done.stdout and not done.stderr
     assert "--version" in arguments or "example" in done.stdout
+
+
+HEAVY = ("torch", "trimesh", "skimage", "PIL")
+
+
+def imported(*arguments):
+    """Which of HEAVY a Python with these arguments imports: its own list of imports, which goes to stderr, is read."""
+    done = subprocess.run([sys.executable, "-X", "importtime", *arguments], capture_output=True, text=True)
+    names = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
+    assert "bigtri" in names
+    return done, [name for name in HEAVY if name in names]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--version"], ["--help"], *([command, "--help"] for command in ("render", "info", "bench", "demo", "hard-cases"))],
+    ids=" ".join,
+)
+def test_help_imports_no_torch(arguments):
+    done, heavy = imported("-m", "bigtri", *arguments)
+    assert done.returncode == 0 and done.stdout
+    assert not heavy
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["paint"],
+        ["render", "m.glb", "-o", "x.png", "--size", "0x9"],
+        ["render", "m.glb", "-o", "x.png", "--cull", "all"],
+        ["bench", "--size", "0x9"],
+        ["bench", "--scenes", "S9"],
+        ["demo", "--threads", "0"],
+        ["hard-cases", "--csv", "."],
+    ],
+    ids=" ".join,
+)
+def test_a_wrong_command_line_imports_no_torch(arguments):
+    done, heavy = imported("-m", "bigtri", *arguments)
+    assert done.returncode == 2 and "usage: bigtri" in done.stderr
+    assert not heavy
+
+
+def test_the_package_imports_nothing_heavy():
+    done, heavy = imported("-c", "import bigtri, bigtri.reference, bigtri.choices")
+    assert done.returncode == 0
+    assert not heavy
+
+
+def test_an_operation_imports_torch_alone():
+    """The other way round: what is looked for would be found, and an operation needs no reader of files."""
+    done, heavy = imported("-c", "import bigtri; bigtri.rasterize")
+    assert done.returncode == 0
+    assert heavy == ["torch"]
 
 
 def test_demo(tmp_path, capsys):

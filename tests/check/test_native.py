@@ -10,7 +10,8 @@ from test_reference_stages import corners_of_almost_none
 
 import bigtri
 from bigtri import native
-from bigtri.check import stages, verify
+from bigtri.check import sentences, stages, verify
+from bigtri.reference.records import Records
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 
@@ -35,10 +36,16 @@ def make(name: str, seed: int = 0) -> Case:
 
 def assert_same_image(expected: np.ndarray, got: np.ndarray) -> None:
     """As ``verify.compare`` says it, for images that come from elsewhere."""
-    if (index := verify.first_difference(expected, got)) is not None:
-        y, x = index
-        place = f"bin {(x // 64, y // 64)}, tile {(x % 64 // 8, y % 64 // 8)}, pixel {(x, y)}"
-        pytest.fail(f"stage rasterize, packed, {place}: expected {expected[index]:#018x}, got {got[index]:#018x}")
+    if (difference := next(sentences.packed("rasterize", expected, got), None)) is not None:
+        pytest.fail(str(difference))
+
+
+def assert_same_depth(records: Records, spans: np.ndarray) -> None:
+    """The depth stage by itself, of records that no setup makes."""
+    expected, got = (stages.depth(records, spans, backend=backend) for backend in ("reference", "native"))
+    assert not np.signbit(expected).any()
+    if (difference := next(sentences.depth(records, spans, expected, got), None)) is not None:
+        pytest.fail(str(difference))
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -47,6 +54,20 @@ def test_every_stage_has_the_reference_bits(name, isa):
     threshold = 4000 if case.resolution[0] * case.resolution[1] > 10**6 else 64
     for variant in native.VARIANTS["cpu"]:
         assert (difference := verify.compare(*case, variant=variant, threshold=threshold)) is None, str(difference)
+
+
+@pytest.mark.parametrize("name", ["layers", "behind_camera", "many_small", "slivers"])
+def test_the_extension_lists_in_the_order_of_the_reference(name, isa, threads):
+    """What docs/architecture.md says of the outputs of its stages, beyond what ``verify`` asks of a stage."""
+    positions, triangles, (height, width) = make(name)
+    records, _ = stages.setup(positions, triangles, height, width, backend="reference")
+    bins, got = (stages.binning(records, 64, backend=backend) for backend in ("reference", "native"))
+    for field, expected, listed in zip(bins._fields, bins, got, strict=True):
+        assert np.array_equal(expected, listed), f"stage binning, {field} in another order"
+    queue = bins.candidates[bins.kept]
+    touched, _ = stages.tile_mask(records, queue, backend="reference")
+    spans, got = (stages.scanline(records, queue, touched, bins.small, backend=b) for b in ("reference", "native"))
+    assert np.array_equal(spans, got), "stage scanline, spans in another order or cut in another way"
 
 
 @pytest.mark.parametrize("seed", range(1, 6))
@@ -111,18 +132,13 @@ def test_depths_that_vanish(values, isa):
     records, _ = stages.setup(*case[:2], *case.resolution, backend="reference")
     records = records._replace(z=np.random.default_rng(1).choice(np.array(values, np.float32), records.z.shape))
     spans = stages.scanline(records, np.zeros((0, 3), np.int32), np.zeros(0, np.int64), np.arange(len(records.z), dtype=np.int32))
-    expected, got = (stages.depth(records, spans, backend=backend) for backend in ("reference", "native"))
-    assert not np.signbit(expected).any()
-    wrong = np.flatnonzero(~verify.same_bits(expected, got))
-    assert not len(wrong), f"stage depth, fragment {wrong[0]}: expected {expected[wrong[0]]}, got {got[wrong[0]]}"
+    assert_same_depth(records, spans)
 
 
 @pytest.mark.parametrize("size", [300, 30000])
 def test_depths_that_show_every_rounding(size, isa):
     records, _, spans = corners_of_almost_none(size)
-    expected, got = (stages.depth(records, spans, backend=backend) for backend in ("reference", "native"))
-    wrong = np.flatnonzero(~verify.same_bits(expected, got))
-    assert not len(wrong), f"stage depth, fragment {wrong[0]}: expected {expected[wrong[0]]}, got {got[wrong[0]]}"
+    assert_same_depth(records, spans)
 
 
 def test_flush_to_zero_of_the_caller_changes_nothing():
@@ -143,7 +159,7 @@ def test_flush_to_zero_of_the_caller_changes_nothing():
 
 
 def test_a_difference_is_named(monkeypatch):
-    """One flipped bit in the output of any stage is reported with its stage, bin, tile and pixel."""
+    """One flipped bit in the output of any operator is reported with its stage, bin, tile and pixel."""
     case = make("on_bins")
     real = torch.ops.bigtri
 
@@ -155,9 +171,10 @@ def test_a_difference_is_named(monkeypatch):
             if name != self.op:
                 return getattr(real, name)
 
-            def call(*arguments):
-                result = getattr(real, name)(*arguments)
-                tensors = (arguments[7],) if name == "rasterize" else result if isinstance(result, tuple) else (result,)
+            def call(*arguments, **named):
+                result = getattr(real, name)(*arguments, **named)
+                written = named.get("packed", named.get("out"))
+                tensors = (written,) if written is not None else result if isinstance(result, tuple) else (result,)
                 flat = tensors[self.output].view(-1)
                 flat.view(torch.uint8)[(flat.numel() // 2) * flat.element_size()] ^= 1 << self.bit
                 return result

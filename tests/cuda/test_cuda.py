@@ -53,7 +53,7 @@ def variant(request):
 
 @pytest.fixture(params=PATHS)
 def path(request):
-    with native.cuda_tuning(**PATHS[request.param]):
+    with native.using_parameters(**PATHS[request.param]):
         yield request.param
 
 
@@ -77,7 +77,7 @@ def test_the_reference_itself(name, variant, path):
 def test_benchmark_scenes(name, size, variant):
     scene = Scene(name, size=size)
     for path in ("default", "many") if name.startswith("S6") else PATHS:
-        with native.cuda_tuning(**PATHS[path]):
+        with native.using_parameters(**PATHS[path]):
             assert_same(expected(scene), draw(scene, variant=variant), (scene, path))
 
 
@@ -88,7 +88,7 @@ def test_benchmark_scenes(name, size, variant):
 def test_scenes_of_many_triangles(name, size, seed, variant):
     scene = Scene(name, seed, size)
     for path in PATHS if name == "S5" else ("default", "many"):
-        with native.cuda_tuning(**PATHS[path]):
+        with native.using_parameters(**PATHS[path]):
             assert_same(expected(scene), draw(scene, variant=variant), (scene, path))
 
 
@@ -125,7 +125,7 @@ def test_the_largest_image(variant):
     wanted = cpu_picture(case, depth=False)
     positions, triangles, _ = uploaded(Scene("screen_size"))
     for path in PATHS:
-        with native.cuda_tuning(**PATHS[path]):
+        with native.using_parameters(**PATHS[path]):
             got = bigtri.rasterize(positions, triangles, case.resolution, variant=variant, depth=False)
         assert torch.equal(wanted.packed, got.packed) and wanted.dropped == got.dropped, path
         del got
@@ -284,14 +284,14 @@ def test_every_setting_is_tried():
 def test_launch_settings_change_no_bit(name, variant):
     wanted = expected(Scene(name))
     for changes in combinations(name):
-        with native.cuda_tuning(**changes):
+        with native.using_parameters(**changes):
             got = draw(Scene(name), variant=variant)
         assert_same(wanted, got, changes)
 
 
 def test_settings_are_restored():
     before = native.CudaTuning(*torch.ops.bigtri.cuda_tuning())
-    with pytest.raises(KeyError), native.cuda_tuning(warps=4, queue=3) as inside:
+    with pytest.raises(KeyError), native.using_parameters(warps=4, queue=3) as inside:
         assert inside == before._replace(warps=4, queue=3) == native.CudaTuning(*torch.ops.bigtri.cuda_tuning())
         raise KeyError
     assert native.CudaTuning(*torch.ops.bigtri.cuda_tuning()) == before
@@ -306,9 +306,9 @@ def test_settings_are_restored():
         {"cache": -1},
         {"some": 2**17},
     ):
-        with pytest.raises(RuntimeError, match="set_cuda_tuning"), native.cuda_tuning(**wrong):
+        with pytest.raises(RuntimeError, match="set_cuda_tuning"), native.using_parameters(**wrong):
             pass
-    with pytest.raises(TypeError, match="got speed"), native.cuda_tuning(speed=1):
+    with pytest.raises(TypeError, match="got speed"), native.using_parameters(speed=1):
         pass
     assert native.CudaTuning(*torch.ops.bigtri.cuda_tuning()) == before
 
@@ -333,7 +333,7 @@ def test_a_hundred_runs_give_the_same_bits(settings, variant):
     height, width = case_of(scene).resolution
     wanted = expected(scene)
     out = torch.empty(height, width, dtype=torch.int64, device=DEVICE)
-    with native.cuda_tuning(**REPEATED[settings]):
+    with native.using_parameters(**REPEATED[settings]):
         for run in range(100):
             byte = (0x00, 0xFF, 0x7F, 0x55)[run % 4]
             poison(byte, 4 * height * width, 8 * height * width)
@@ -348,7 +348,7 @@ def test_scenes_after_one_another(variant):
     )
     for k, name in enumerate(order):
         path = list(PATHS.values())[k % len(PATHS)]
-        with native.cuda_tuning(**path):
+        with native.using_parameters(**path):
             assert_same(expected(Scene(str(name))), draw(Scene(str(name)), variant=variant), (k, name, path))
 
 

@@ -170,7 +170,7 @@ def on_the_cpu(arguments: list) -> list[torch.Tensor | None] | None:
 def test_the_operator_returns_or_raises(settings, variant):
     """Random arguments never crash it nor leave an error behind, and what it draws is what the CPU draws."""
     stop, returned, raised, compared = time.monotonic() + SECONDS / 3, 0, 0, 0
-    with native.cuda_tuning(**settings):
+    with native.using_parameters(**settings):
         for seed in range(3000):
             arguments, valid = fuzzed(test_fuzz.Source(seed), variant)
             for output in arguments[7:]:

@@ -51,7 +51,7 @@ def variant(request):
 
 @pytest.fixture(params=PATHS)
 def path(request):
-    with native.cuda_tuning(**PATHS[request.param]):
+    with native.using_parameters(**PATHS[request.param]):
         yield request.param
 
 
@@ -208,7 +208,7 @@ def test_graph(name, variant, path):
         seen.dropped.fill_(77)
         graph.replay()
         assert_same(wanted[turn], seen, turn)
-        with native.cuda_tuning(warps=4, blocks=3):
+        with native.using_parameters(warps=4, blocks=3):
             assert_same(wanted[turn], bigtri.rasterize(static, triangles, resolution, variant=variant), turn)
     for _ in range(20):
         graph.replay()

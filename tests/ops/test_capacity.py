@@ -162,7 +162,7 @@ def test_the_smallest_queues_give_the_same_bits(name: str) -> None:
     case = CASES[name](np.random.default_rng([64, *name.encode()]))
     expected = bigtri.rasterize(*case)
     for limits in ((1, 1), (2, 10**6), (10**6, 1), (7, 5)):
-        with native.batch_limits(*limits):
+        with native.using_parameters(records=limits[0], candidates=limits[1]):
             got = bigtri.rasterize(*case)
         assert all(np.array_equal(a, b) for a, b in zip(expected, got, strict=True)), limits
 
@@ -172,7 +172,7 @@ def test_the_smallest_queues_hold_the_largest_images() -> None:
     positions = np.float32([[-1, -1, -1, 1], [3, -1, 0, 1], [-1, 3, 0.5, 1], [0.3, 0.9, -2, 0.5], [-2, -2, 3, -1]])
     triangles = np.array([[0, 1, 2], [3, 4, 1], [2, 3, 0]], np.int32)
     expected = bigtri.rasterize(positions, triangles, (4096, 4096), depth=False).packed
-    with native.batch_limits(1, 1):
+    with native.using_parameters(records=1, candidates=1):
         assert np.array_equal(bigtri.rasterize(positions, triangles, (4096, 4096), depth=False).packed, expected)
 
 

@@ -1,13 +1,16 @@
 """Texture lookups: texels read by hand, a scalar model of the specification, and backend against backend."""
 
 import math
+import re
+import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from backends import BACKENDS, needs_native
 
-from bigtri import sample_texture
+from bigtri import sample_texture, warn
 
 # Row 0 is on top: 10 20 above 30 40.
 FOUR = np.array([[[10], [20]], [[30], [40]]], np.float32)
@@ -109,12 +112,34 @@ def test_backends_agree_in_bits(how, wrap):
         assert one.tobytes() == two.tobytes()
 
 
+@pytest.mark.filterwarnings("ignore:.* requires grad, but nothing")
 def test_shapes_and_kinds():
     texture = torch.rand(4, 6, 3, requires_grad=True)
     result = sample_texture(texture, torch.rand(2, 3, 5, 2))
     assert result.shape == (2, 3, 5, 3) and not result.requires_grad
     assert sample_texture(texture, np.zeros(2, np.float32)).shape == (3,)
     assert sample_texture(texture, torch.zeros(0, 2)).shape == (0, 3)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_channels_first_are_warned_of_once(channels, backend, monkeypatch):
+    monkeypatch.setattr(warn, "_said", set())
+    picture, uv = np.ones((channels, 16, 20), np.float32), np.zeros((2, 2), np.float32)
+    with pytest.warns(UserWarning) as said:
+        for _ in range(2):
+            assert (sample_texture(picture, uv, backend=backend) == np.ones((2, 20))).all()
+    assert [Path(one.filename) for one in said] == [Path(__file__)]
+    text = rf"texture \[{channels}, 16, 20\] is read as \[Ht, Wt, C\]: {channels} px high, of 20 channels; .*permute"
+    assert re.match(r"bigtri.sample_texture: " + text, str(said[0].message))
+
+
+@pytest.mark.parametrize("shape", [(3, 20, 15), (4, 15, 20), (1, 256, 8), (2, 64, 64), (16, 20, 3), (3, 300, 3)])
+def test_textures_of_few_rows_or_many_channels_are_none_of_these(shape, monkeypatch):
+    monkeypatch.setattr(warn, "_said", set())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sample_texture(np.ones(shape, np.float32), np.zeros((2, 2), np.float32))
 
 
 @pytest.mark.parametrize(

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import concurrent.futures
 import multiprocessing
+import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from cases import CASES
+from operators import call, split
 from torch._subclasses import FakeTensorMode
 
 import bigtri
-from bigtri import native
+from bigtri import native, warn
 from bigtri.reference.shading import encode_thresholds
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
@@ -26,30 +29,39 @@ def tensors(name: str = "screen_size") -> tuple[torch.Tensor, torch.Tensor, tupl
 def arguments(op: str) -> tuple:
     """Valid arguments of every operator, each stage fed by the one before."""
     positions, triangles, (height, width) = tensors()
-    ops = torch.ops.bigtri
-    triangle, xy, z, area, bbox, *_ = ops.setup(positions, triangles, height, width, "none", [0, 0, width, height])
-    candidates, kept, small = ops.binning(xy, bbox, 4000)
+    triangle, xy, z, area, bbox, *_ = call("setup", (positions, triangles, height, width, "none", [0, 0, width, height], "exact"))
+    candidates, kept, small = call("binning", (xy, bbox, 4000, "exact"))
     queue = candidates[kept]
-    touched, _ = ops.tile_mask(xy, bbox, queue)
-    spans = ops.scanline(xy, bbox, queue, touched, small)
-    depth = ops.depth(xy, z, area, spans)
-    packed = ops.visibility(triangle, spans, depth, height, width)[None]
+    touched, _ = call("tile_mask", (xy, bbox, queue, "exact"))
+    spans = call("scanline", (xy, bbox, queue, touched, small, "exact"))
+    depth = call("depth", (xy, z, area, spans, "exact"))
+    packed = torch.empty(1, height, width, dtype=torch.int64)
+    call("visibility", (triangle, spans, depth, packed[0]))
+    drawing = packed, positions[None], triangles
     return {
         "rasterize": (
-            *(positions[None], triangles, height, width, "none", [0, 0, width, height], "bin_owned"),
+            *(positions[None], triangles, height, width, "none", [0, 0, width, height], "bin_owned", "exact", 1, [], None, None),
             *(torch.empty_like(packed), torch.empty(packed.shape), torch.empty(1, dtype=torch.int64)),
+            torch.zeros(len(native.COUNTERS), dtype=torch.int64),
         ),
-        "setup": (positions, triangles, height, width, "none", [0, 0, width, height]),
-        "binning": (xy, bbox, 4000),
-        "tile_mask": (xy, bbox, queue),
-        "scanline": (xy, bbox, queue, touched, small),
-        "depth": (xy, z, area, spans),
-        "visibility": (triangle, spans, depth, height, width),
-        "interpolate": (packed, positions[None], triangles, torch.rand(1, len(positions), 5)),
-        "barycentrics": (packed, positions[None], triangles),
-        "sample_texture": (torch.rand(7, 5, 3), torch.rand(20, 2), "bilinear", "repeat"),
-        "lambert": (torch.rand(9, 3), torch.rand(9, 3), torch.rand(3), torch.rand(2, 3), torch.rand(2, 3)),
-        "encode_srgb": (torch.rand(4, 5, 3), torch.from_numpy(np.array(encode_thresholds()))),
+        "setup": (positions, triangles, height, width, "none", [0, 0, width, height], "exact"),
+        "binning": (xy, bbox, 4000, "exact"),
+        "tile_mask": (xy, bbox, queue, "exact"),
+        "scanline": (xy, bbox, queue, touched, small, "exact"),
+        "depth": (xy, z, area, spans, "exact"),
+        "visibility": (triangle, spans, depth, torch.empty_like(packed[0])),
+        "interpolate": (
+            packed,
+            positions[None],
+            triangles,
+            torch.rand(1, len(positions), 5),
+            "exact",
+            torch.empty(*packed.shape, 5),
+        ),
+        "barycentrics": (*drawing, "exact", torch.empty(*packed.shape, 3)),
+        "sample_texture": (torch.rand(7, 5, 3), torch.rand(20, 2), "bilinear", "repeat", torch.empty(20, 3)),
+        "lambert": (*(torch.rand(n, 3) for n in (9, 9)), torch.rand(3), *(torch.rand(2, 3) for _ in "dc"), torch.empty(9, 3)),
+        "encode_srgb": (torch.rand(4, 5), torch.from_numpy(np.array(encode_thresholds())), torch.empty(4, 5, dtype=torch.uint8)),
     }[op]
 
 
@@ -59,7 +71,8 @@ OPS = "rasterize setup binning tile_mask scanline depth visibility interpolate b
 @pytest.mark.parametrize("op", OPS.split())
 def test_opcheck(op):
     utilities = ("test_schema", "test_autograd_registration", "test_faketensor", "test_aot_dispatch_dynamic")
-    torch.library.opcheck(getattr(torch.ops.bigtri, op), arguments(op), test_utils=utilities)
+    given, named = split(op, arguments(op))
+    torch.library.opcheck(getattr(torch.ops.bigtri, op), given, named, test_utils=utilities)
 
 
 def test_compile_full_graph():
@@ -117,26 +130,52 @@ def test_fake_tensors():
 def test_fakes_take_one_device_and_the_right_ranks(op):
     """A call with one tensor on the meta device never reaches the real operator."""
     given = arguments(op)
-    operator = getattr(torch.ops.bigtri, op)
     places = [k for k, value in enumerate(given) if isinstance(value, torch.Tensor)]
     for k in places:
         spoiled = given[k].to("meta")
         if (op, k) != ("encode_srgb", 0):  # its thresholds stay on the host
             with pytest.raises(RuntimeError, match=f"bigtri::{op}: .* must be on "):
-                operator(*given[:k], spoiled, *given[k + 1 :])
+                call(op, (*given[:k], spoiled, *given[k + 1 :]))
         everywhere = [value.to("meta") if isinstance(value, torch.Tensor) else value for value in given]
         if op != "encode_srgb" or k:
             everywhere[k] = spoiled[None]
             with pytest.raises(RuntimeError, match=f"bigtri::{op}: .* must have . dimensions"):
-                operator(*everywhere)
+                call(op, tuple(everywhere))
 
 
+@pytest.mark.filterwarnings("ignore:.* requires grad, but nothing")
 def test_no_output_requires_grad():
     positions, triangles, resolution = tensors()
     positions.requires_grad_()
     visible = bigtri.rasterize(positions, triangles, resolution)
     colors = torch.rand(len(positions), 3, requires_grad=True)
     assert not any(t.requires_grad for t in (*visible, bigtri.interpolate(colors, visible, positions, triangles)))
+
+
+def test_a_tensor_that_requires_grad_is_said_once(monkeypatch):
+    monkeypatch.setattr(warn, "_said", set())
+    positions, triangles, resolution = tensors()
+    learning = positions.clone().requires_grad_()
+
+    def draw(given: torch.Tensor) -> torch.Tensor:
+        return bigtri.rasterize(given, triangles, resolution).packed
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # none of these expects a gradient
+        draw(positions)
+        draw(learning.detach())
+        with torch.no_grad():
+            draw(learning)
+    compiled = torch.compile(draw, fullgraph=True, backend="eager")(learning)
+    with pytest.warns(UserWarning) as said:
+        assert torch.equal(draw(learning), compiled)
+        assert torch.equal(draw(learning), compiled)
+        bigtri.encode_srgb(learning)
+    assert [Path(one.filename) for one in said] == [Path(__file__)]
+    assert str(said[0].message) == (
+        "bigtri.rasterize: positions requires grad, but nothing in bigtri is differentiable yet and no gradient reaches "
+        "it; pass positions.detach(), or call it under torch.no_grad()"
+    )
 
 
 def test_several_callers_at_once():

@@ -1,11 +1,13 @@
 """The camera against textbook matrices, by hand, and its errors."""
 
 import math
+import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bigtri import Camera
+from bigtri import Camera, warn
 
 CAMERA = Camera(eye=(3, 2, 5), target=(-1, 0.5, 0.25), fov_y=50, near=0.5, far=80)
 
@@ -119,6 +121,43 @@ def test_what_is_no_number(arguments, text):
 def test_numbers_of_numpy_are_numbers():
     camera = Camera(np.array([0, 0, 5]), (0, 0, 0), fov_y=np.float32(40), near=np.int64(1), far=np.float32(9))
     assert camera == Camera((0, 0, 5), (0, 0, 0), fov_y=40, near=1, far=9)
+
+
+BOUNDS = np.array([(-1, -1, -1), (1, 1, 1)])
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (
+            lambda: Camera((0, 0, 5), (0, 0, 0), fov_y=math.pi / 4),
+            "Camera: fov_y is in degrees, got 0.785398, which looks like radians; 0.785398 radians are 45 degrees",
+        ),
+        (lambda: Camera.orbit((0, 0, 0), 2, fov_y=1.0), "Camera: fov_y is in degrees, got 1, "),
+        (lambda: Camera.framing(BOUNDS, fov_y=np.float32(0.8)), "Camera.framing: fov_y is in degrees, got 0.8, "),
+        (lambda: Camera.orbit((0, 0, 0), 2, -math.pi / 6), "Camera.orbit: azimuth is in degrees, got -0.523599, "),
+        (lambda: Camera.framing(BOUNDS, 2 * math.pi), "Camera.orbit: azimuth is in degrees, got 6.28319, "),
+        (
+            lambda: Camera.framing(BOUNDS, elevation=np.radians(np.float32(35))),
+            "Camera.orbit: elevation is in degrees, got 0.610865, ",
+        ),
+    ],
+)
+def test_radians_are_warned_of_once(make, text, monkeypatch):
+    monkeypatch.setattr(warn, "_said", set())
+    with pytest.warns(UserWarning) as said:
+        assert make() == make()
+    assert [Path(one.filename) for one in said] == [Path(__file__)]
+    assert str(said[0].message).startswith("bigtri." + text)
+
+
+def test_small_angles_in_degrees_are_taken_as_they_are(monkeypatch):
+    monkeypatch.setattr(warn, "_said", set())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Camera((0, 0, 5), (0, 0, 0), fov_y=3.2)
+        for angle in (0, 7, 8.5, *(k / 1000 for k in range(-6300, 6301))):
+            Camera.orbit((0, 0, 0), 2, angle, angle)
 
 
 def test_errors_of_methods():

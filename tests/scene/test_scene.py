@@ -245,6 +245,11 @@ def test_scene_errors(change, error, text):
         (lambda: Material(name=1), TypeError, "Material: name must be text"),
         (lambda: Material(texture=np.zeros((2, 2, 3), np.uint8)), TypeError, "Material: texture must be a NumPy array float32"),
         (lambda: Material(texture=np.zeros((0, 2, 3), np.float32)), ValueError, "Material: texture must have at least one texel"),
+        (
+            lambda: Material(texture=np.zeros((3, 8, 9), np.float32)),
+            ValueError,
+            r"Material: texture must be .* got \[3, 8, 9\], which looks like \[C, Ht, Wt\]: pass texture.transpose",
+        ),
         (lambda: merge([1]), TypeError, "merge: scenes must hold Scene alone, got int"),
         (lambda: from_trimesh(1), TypeError, "from_trimesh: loaded must be a trimesh.Scene or trimesh.Trimesh"),
         (lambda: load_scene(None), TypeError, "load_scene: path must be a path"),

@@ -111,7 +111,7 @@ def test_short_kernel_names(kernel: str, name: str) -> None:
 
 
 def test_commit_comes_from_the_environment_without_git(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cuda_clock.benchmark, "commit", lambda: "")
+    monkeypatch.setattr(cuda_clock.provenance, "commit", lambda: "")
     monkeypatch.setenv("BIGTRI_COMMIT", "1234567")
     assert cuda_clock.machine().commit == "1234567"
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "numerics.h"
+#include "visibility.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -79,15 +80,6 @@ BIGTRI_HD double depth_at(const int32_t px[3], const int32_t py[3], const float 
   for (int k = 0; k < 3; ++k) g[k] = (double)edge_value(edge_of(px, py, k), pixel_centre(x), pixel_centre(y));
   return weighted_depth<double, double, double>(g[0], g[1], g[2], z[0], z[1], z[2], area);
 }
-
-// Nearer first, then the lower triangle index. For depths up to 1.
-BIGTRI_HD int64_t pack_depth(float z, uint32_t triangle) { return (int64_t)(((uint64_t)float_bits(z) << 32) | triangle); }
-
-// The same for any depth: z > 1 leaves the background.
-BIGTRI_HD int64_t pack_fragment(float z, uint32_t triangle) { return z > 1.0f ? kBackground : pack_depth(z, triangle); }
-
-// What has been packed; infinity on the background.
-BIGTRI_HD float depth_of(int64_t packed) { return packed == kBackground ? kInfinity : bits_float((uint32_t)(packed >> 32)); }
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -30,8 +30,6 @@ constexpr int kGuard = 1 << (15 + kSubpixelBits);  // X and Y lie in [-kGuard, k
 static_assert(kSubpixelBits <= 8, "more sub-pixel bits need wider integers");
 constexpr int64_t kLargeThreshold = 4000;  // px of bbox; not above: the direct path
 constexpr int64_t kThinRatio = 32;         // numerics.md 7
-constexpr float kInfinity = __builtin_inff();
-constexpr float kNotANumber = __builtin_nanf("");
 
 // Where in its pixel a sample lies, subpx from the pixel's corner.
 struct SamplePoint {

@@ -39,6 +39,9 @@ BIGTRI_HD float bits_float(uint32_t v) { return bits_as<float>(v); }
 BIGTRI_HD uint64_t double_bits(double v) { return bits_as<uint64_t>(v); }
 BIGTRI_HD double bits_double(uint64_t v) { return bits_as<double>(v); }
 
+constexpr float kInfinity = __builtin_inff();
+constexpr float kNotANumber = __builtin_nanf("");
+
 BIGTRI_HD bool is_finite(float v) { return (float_bits(v) & 0x7f800000u) != 0x7f800000u; }
 
 }  // namespace bigtri

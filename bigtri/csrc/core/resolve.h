@@ -73,6 +73,17 @@ BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], con
   return fate;
 }
 
+// The records of triangle t of a view, whose indices all name vertices.
+BIGTRI_HD Fate expand_triangle(const Frame& f, int64_t t, Parent* out) {
+  float v[3][4];
+  Vertex projected[3];
+  for (int k = 0; k < 3; ++k) {
+    for (int i = 0; i < 4; ++i) v[k][i] = f.positions[4 * (int64_t)f.triangles[3 * t + k] + i];
+    projected[k] = project_vertex(v[k], f.view.width, f.view.height);
+  }
+  return expand_parent(v, projected, f.view, out);
+}
+
 // Not a loop: nvcc does not unroll one that may end early, and keeps in slow memory what is then indexed.
 BIGTRI_HD bool covers(const Primitive& p, int32_t x, int32_t y) {
   return edge_steps(edge_of(p.x, p.y, 0), x, y) >= 0 && edge_steps(edge_of(p.x, p.y, 1), x, y) >= 0 && edge_steps(edge_of(p.x, p.y, 2), x, y) >= 0;

@@ -5,15 +5,16 @@
 #include "simd.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-bool load_parent(const AttributeJob& job, int64_t triangle, Parent* parent) {
+bool load_parent(const AttributeJob& job, const float* positions, int64_t triangle, Parent* parent) {
   float v[3][4];
   Vertex projected[3];
   for (int k = 0; k < 3; ++k) {
     const int64_t index = job.triangles[3 * triangle + k];
     if (index < 0 || index >= job.vertices) return false;
-    for (int i = 0; i < 4; ++i) v[k][i] = job.positions[4 * index + i];
+    for (int i = 0; i < 4; ++i) v[k][i] = positions[4 * index + i];
     projected[k] = project_vertex(v[k], job.width, job.height);
   }
   expand_parent(v, projected, {job.width, job.height, 0, 0, job.width, job.height, kCullNone}, parent);
@@ -23,11 +24,11 @@ bool load_parent(const AttributeJob& job, int64_t triangle, Parent* parent) {
 // A record in one row of the image: edge k is start + step * x at pixel x, integers below 2^53 and so exact, and covers the pixel from `least` on.
 struct RowRecord {
   int record = -1;
-  double start[3], step[3], least[3];
-  const float* source[3];  // attributes of the corners, where there are any
+  double start[3] = {}, step[3] = {}, least[3] = {};
+  const float* source[3] = {};  // attributes of the corners, where there are any
 };
 
-void begin_record(const AttributeJob& job, const Parent& parent, int record, int64_t triangle, int64_t y, RowRecord* row) {
+void begin_record(const AttributeJob& job, const float* attributes, const Parent& parent, int record, int64_t triangle, int64_t y, RowRecord* row) {
   const Primitive& p = parent.primitive[record];
   row->record = record;
   for (int k = 0; k < 3; ++k) {
@@ -35,7 +36,7 @@ void begin_record(const AttributeJob& job, const Parent& parent, int record, int
     row->start[k] = edge_at(p, k, 0, (int32_t)y);
     row->step[k] = -(double)kSubpixel * edge.dy;
     row->least[k] = -(double)edge_bias(edge);
-    row->source[k] = job.attributes ? job.attributes + job.channels * job.triangles[3 * triangle + corner_of(parent, record, k)] : nullptr;
+    row->source[k] = attributes ? attributes + job.channels * job.triangles[3 * triangle + corner_of(parent, record, k)] : nullptr;
   }
 }
 
@@ -60,7 +61,7 @@ void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowR
 }
 
 // Pixels [x, end) of a row, all of one triangle. A clipped triangle's records take turns along the row.
-void interpolate_run(const AttributeJob& job, const Parent& parent, int64_t triangle, int64_t y, int64_t x, int64_t end, float* out) {
+void interpolate_run(const AttributeJob& job, const float* attributes, const Parent& parent, int64_t triangle, int64_t y, int64_t x, int64_t end, float* out) {
   RowRecord row;
   while (x < end) {
     int record = 0;
@@ -74,7 +75,7 @@ void interpolate_run(const AttributeJob& job, const Parent& parent, int64_t tria
     if (record < 0 || parent.count == 0) {
       __builtin_memset(out, 0, (size_t)(n * job.channels) * sizeof(float));
     } else {
-      if (record != row.record) begin_record(job, parent, record, triangle, y, &row);
+      if (record != row.record) begin_record(job, attributes, parent, record, triangle, y, &row);
       interpolate_eight(job, parent, row, x, (int)n, out);
     }
     x += n;
@@ -83,9 +84,12 @@ void interpolate_run(const AttributeJob& job, const Parent& parent, int64_t tria
 }
 
 // Runs of one triangle share its set-up; scratch keeps it from run to run.
-void stage_interpolate_row(const AttributeJob& job, int64_t y, Parent* parent) {
-  const int64_t* row = job.packed + y * job.width;
-  float* out = job.out + y * job.width * job.channels;
+void stage_interpolate_row(const AttributeJob& job, int64_t view, int64_t y, Parent* parent) {
+  const int64_t first = (view * job.height + y) * job.width;
+  const int64_t* row = job.packed + first;
+  const float* positions = job.positions + view * job.vertices * 4;
+  const float* attributes = job.attributes ? job.attributes + view * job.attribute_view : nullptr;
+  float* out = job.out + first * job.channels;
   int64_t loaded = -1;
   for (int64_t x = 0; x < job.width;) {
     const int64_t triangle = row[x] == kBackground ? -1 : row[x] & 0xffffffff;
@@ -93,11 +97,11 @@ void stage_interpolate_row(const AttributeJob& job, int64_t y, Parent* parent) {
     while (end < job.width && (row[end] == kBackground ? -1 : row[end] & 0xffffffff) == triangle) ++end;
     bool valid = triangle >= 0 && triangle < job.triangle_count;
     if (valid && triangle != loaded) {
-      valid = load_parent(job, triangle, parent);
+      valid = load_parent(job, positions, triangle, parent);
       loaded = valid ? triangle : -1;
     }
     if (valid)
-      interpolate_run(job, *parent, triangle, y, x, end, out);
+      interpolate_run(job, attributes, *parent, triangle, y, x, end, out);
     else
       __builtin_memset(out, 0, (size_t)((end - x) * job.channels) * sizeof(float));
     out += (end - x) * job.channels;
@@ -126,4 +130,5 @@ void stage_encode_srgb(const float* linear, const float* thresholds, int64_t cou
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

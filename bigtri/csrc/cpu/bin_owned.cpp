@@ -1,30 +1,46 @@
-// The bin-owned variant, arranged from the per-ISA kernels: project every vertex once, then batch by batch set up, bin and draw (bin_owned.inl). Batches bound the memory;
-// nothing is ever left out.
-
-#include "rasterize.h"
+// The bin-owned variant, arranged from the per-ISA kernels: project every vertex once, then batch by batch set up, bin and draw (bin_owned.inl). Views are part of the bin index, so a batch of
+// small views is as much work at a time as one large view. Batches bound the memory; nothing is ever left out.
 
 #include <algorithm>
 #include <atomic>
 #include <climits>
 #include <memory>
-#include <numeric>
 #include <vector>
 
+#include "counting.h"
+#include "kernels.h"
+
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int64_t kMaxChunk = 4096;  // triangles; even if all are clipped to the most sub-triangles, one chunk fits a batch
-static_assert(kMaxChunk * kMaxSubTriangles <= BatchLimits{}.records, "a chunk fits a batch");
+constexpr int64_t kStandardRecords = 1 << 18, kStandardCandidates = 1 << 23;
+static_assert(kMaxChunk * kMaxSubTriangles <= kStandardRecords, "a chunk fits a batch");
 
-std::atomic<int64_t> max_records{BatchLimits{}.records}, max_candidates{BatchLimits{}.candidates};
+// How much a batch may hold at once: what bounds the memory. More only takes more batches; one chunk of triangles and one record always go through.
+constexpr Parameter kParameters[] = {
+    // An entry has 30 bits for its record.
+    {"records", "records", "(sub)triangles set up at once, 96 bytes each", kStandardRecords, 1, int64_t{1} << 30},
+    // A list begins at a place of 32 bits.
+    {"candidates", "bins", "bins that the records of a pass touch by their bounding boxes, 12 bytes each", kStandardCandidates, 1, UINT32_MAX},
+    {},
+};
+enum { kRecords, kCandidates };
+
+// What is projected at once, 16 bytes each; one view always is.
+constexpr int64_t kGroupVertices = 1 << 20;
+// Counters of the sort, 4 bytes each: a chunk of the records has one for each bin.
+constexpr int64_t kMostCounts = 1 << 23;
 
 template <class T>
 std::unique_ptr<T[]> allocate(int64_t n) {  // not initialised
   return std::unique_ptr<T[]>(new T[(size_t)std::max<int64_t>(n, 1)]);
 }
 
-// A run of triangles and the slots reserved for their records.
+// A run of triangles of one view and the slots reserved for their records.
 struct Chunk {
+  int64_t view;  // within the group
   int64_t begin, end;  // triangles
   int64_t slot, slots, used;  // records
   int64_t dropped;
@@ -40,45 +56,106 @@ int64_t slots_needed(const SetupJob& job, int64_t begin, int64_t end) {
   return n;
 }
 
-class Frame {
+class Drawing {
  public:
-  Frame(const Kernels& kernels, const Parallel& parallel, const Viewport& view, int64_t* packed, float* depth)
-      : kernels_(kernels), parallel_(parallel), scratch_(allocate_scratch(parallel.threads)) {
+  Drawing(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values)
+      : frame_(frame),
+        kernels_(current_kernels().bin_owned),
+        parallel_(parallel),
+        most_records_(values[kRecords]),
+        most_candidates_(values[kCandidates]),
+        scratch_(allocate<char>(parallel.threads * kScratchBytes + 64)) {
     job_ = {};
-    job_.view = view;
-    job_.packed = packed;
-    job_.depth = depth;
-    job_.bins_x = bin_columns(view);
-    job_.bins_y = bin_rows(view);
-    job_.first_pass = true;
+    job_.view = frame.view;
+    job_.packed = frame.packed;
+    job_.depth = frame.depth;
+    job_.bins_x = bin_columns(frame.view);
+    job_.bins = job_.bins_x * bin_rows(frame.view);
   }
 
-  // Draws the records of the slots [0, count) that have candidates, in as many passes as their bins need.
-  void draw(const Record* records, const uint32_t* candidates, int64_t count) {
-    job_.records = records;
-    const int64_t limit = max_candidates.load(std::memory_order_relaxed);
-    for (int64_t begin = 0; begin < count;) {
-      int64_t end = begin, total = 0;
-      while (end < count && (total == 0 || total + candidates[end] <= limit)) total += candidates[end++];
-      if (total) pass(candidates, begin, end, total);
+  void draw() {
+    std::fill(frame_.dropped, frame_.dropped + frame_.views, 0);
+    const int64_t used = frame_.count ? frame_.highest - frame_.lowest + 1 : 0;
+    const int64_t together = std::clamp<int64_t>(used ? kGroupVertices / used : 0, 1, std::max(frame_.views, 1));
+    for (int64_t view = 0; used && view < frame_.views; view += together) draw_group(view, std::min<int64_t>(together, frame_.views - view), used);
+    raster(frame_.views, nullptr, nullptr);  // views that no triangle has touched still have to be written
+    counts_.publish(frame_.counters);
+  }
+
+ private:
+  // The views [first, first + views), whose vertices are projected at once.
+  void draw_group(int64_t first, int64_t views, int64_t used) {
+    const auto vertices = allocate<Vertex>(views * used);
+    const int64_t pieces = std::clamp<int64_t>(4 * parallel_.threads / views, 1, used / 4096 + 1);  // of a view
+    parallel_(views * pieces, [&](int64_t i) {
+      const int64_t view = i / pieces, piece = i % pieces, begin = used * piece / pieces, end = used * (piece + 1) / pieces;
+      kernels_.project(positions(first + view), frame_.lowest + begin, frame_.lowest + end, frame_.view.width, frame_.view.height,
+                       vertices.get() + view * used + begin);
+    });
+    const auto job_of = [&](int64_t view) {
+      return SetupJob{positions(first + view), frame_.triangles, vertices.get() + view * used, frame_.lowest, frame_.view};
+    };
+
+    const int64_t count = frame_.count, size = std::min(most_records_, std::clamp<int64_t>(views * count / (8 * parallel_.threads), 64, kMaxChunk));
+    const int64_t per_view = (count + size - 1) / size;
+    std::vector<Chunk> chunks(views * per_view);
+    parallel_((int64_t)chunks.size(), [&](int64_t c) {
+      const int64_t view = c / per_view, begin = c % per_view * size;
+      chunks[c] = {view, begin, std::min(count, begin + size), 0, 0, 0, 0};
+      chunks[c].slots = slots_needed(job_of(view), begin, chunks[c].end);
+    });
+
+    for (size_t begin = 0; begin < chunks.size();) {
+      size_t end = begin;
+      int64_t slots = 0;
+      while (end < chunks.size() && (end == begin || slots + chunks[end].slots <= most_records_)) {
+        chunks[end].slot = slots;
+        slots += chunks[end++].slots;
+      }
+      const auto records = allocate<Record>(slots);
+      const auto candidates = allocate<uint32_t>(slots);
+      parallel_((int64_t)(end - begin), [&](int64_t i) {
+        Chunk& k = chunks[begin + i];
+        k.used = kernels_.setup(job_of(k.view), k.begin, k.end, records.get() + k.slot, candidates.get() + k.slot, &k.dropped);
+        std::fill(candidates.get() + k.slot + k.used, candidates.get() + k.slot + k.slots, 0u);
+      });
+      // Where each view's records begin.
+      std::vector<int64_t> view_begin;
+      const int64_t first_view = first + chunks[begin].view;
+      for (size_t i = begin; i < end; ++i) {
+        if (first + chunks[i].view == first_view + (int64_t)view_begin.size()) view_begin.push_back(chunks[i].slot);
+        frame_.dropped[first + chunks[i].view] += chunks[i].dropped;
+        counts_.add(Counter::records, chunks[i].used);
+      }
+      view_begin.push_back(slots);
+      draw_records(records.get(), candidates.get(), first_view, view_begin);
       begin = end;
     }
   }
 
-  // A frame that no triangle has touched still has to be written.
-  void finish() {
-    if (!job_.first_pass) return;
-    std::vector<uint32_t> none(bins() + 1, 0);
-    raster(nullptr, none.data());
+  const float* positions(int64_t view) const { return frame_.positions + view * frame_.vertices * 4; }
+
+  // Draws the records that have candidates, in as many passes as their bins need. Those of view first_view + v stand in the slots [view_begin[v], view_begin[v + 1]).
+  void draw_records(const Record* records, const uint32_t* candidates, int64_t first_view, const std::vector<int64_t>& view_begin) {
+    const int64_t count = view_begin.back();
+    job_.records = records;
+    size_t view = 0;
+    for (int64_t begin = 0; begin < count;) {
+      int64_t end = begin, total = 0;
+      while (end < count && (total == 0 || total + candidates[end] <= most_candidates_)) total += candidates[end++];
+      while (begin >= view_begin[view + 1]) ++view;
+      size_t last = view;
+      while (end > view_begin[last + 1]) ++last;
+      if (total) pass(records, candidates, begin, end, total, first_view + (int64_t)view, (int64_t)(last - view) + 1, view_begin.data() + view);
+      begin = end;
+    }
   }
 
- private:
-  static std::unique_ptr<char[]> allocate_scratch(int threads) { return allocate<char>(threads * kScratchBytes + 64); }
-  int64_t bins() const { return (int64_t)job_.bins_x * job_.bins_y; }
-
   // A counting sort of (record, bin) pairs by bin: count per chunk, place, scatter. Chunks keep the order of the records, so lists do not depend on the threads.
-  void pass(const uint32_t* candidates, int64_t begin, int64_t end, int64_t total) {
-    const int64_t wanted = std::min<int64_t>(parallel_.threads > 1 ? 4 * parallel_.threads : 1, total / 2048 + 1);
+  void pass(const Record* records, const uint32_t* candidates, int64_t begin, int64_t end, int64_t total, int64_t first_view, int64_t views,
+            const int64_t* view_begin) {
+    const int64_t bins = views * job_.bins;
+    const int64_t wanted = std::min({(int64_t)(parallel_.threads > 1 ? 4 * parallel_.threads : 1), total / 2048 + 1, std::max<int64_t>(1, kMostCounts / bins)});
     std::vector<int64_t> bounds = {begin}, pair_begin = {0};
     int64_t sum = 0;
     for (int64_t i = begin; i < end; ++i) {
@@ -90,103 +167,72 @@ class Frame {
     }
     const int64_t chunks = (int64_t)bounds.size();
     bounds.push_back(end);
+    const BinJob job = {records, candidates, view_begin, job_.bins_x, job_.bins};
     const auto pairs = allocate<BinPair>(total);
-    std::vector<uint32_t> counts(chunks * bins(), 0);
+    std::vector<uint32_t> counts(chunks * bins, 0);
     std::vector<int64_t> used(chunks);
-    parallel_(chunks, [&](int64_t c) {
-      used[c] = kernels_.bin(job_.records, candidates, bounds[c], bounds[c + 1], job_.bins_x, pairs.get() + pair_begin[c], counts.data() + c * bins());
-    });
-    std::vector<uint32_t> list_begin(bins() + 1);
+    parallel_(chunks, [&](int64_t c) { used[c] = kernels_.bin(job, bounds[c], bounds[c + 1], pairs.get() + pair_begin[c], counts.data() + c * bins); });
+    // Views that no earlier pass has written, and that have no records in this one, are written with it.
+    const int64_t ahead = std::max<int64_t>(0, first_view - job_.begun_views) * job_.bins;
+    std::vector<uint32_t> list_begin(ahead + bins + 1);
     uint32_t at = 0;
-    for (int64_t b = 0; b < bins(); ++b) {
-      list_begin[b] = at;
+    for (int64_t b = 0; b < bins; ++b) {
+      list_begin[ahead + b] = at;
       for (int64_t c = 0; c < chunks; ++c) {
-        const uint32_t n = counts[c * bins() + b];
-        counts[c * bins() + b] = at;
+        const uint32_t n = counts[c * bins + b];
+        counts[c * bins + b] = at;
         at += n;
       }
     }
-    list_begin[bins()] = at;
+    list_begin[ahead + bins] = at;
+    counts_.add(Counter::candidates, total);
+    counts_.add(Counter::entries, at);
     const auto entries = allocate<uint32_t>(at);
     parallel_(chunks, [&](int64_t c) {
-      uint32_t* next = counts.data() + c * bins();
+      uint32_t* next = counts.data() + c * bins;
       for (const BinPair *p = pairs.get() + pair_begin[c], *stop = p + used[c]; p < stop; ++p) entries[next[p->bin]++] = p->entry;
     });
-    raster(entries.get(), list_begin.data());
+    job_.first_bin = first_view * job_.bins - ahead;
+    raster(first_view + views, entries.get(), list_begin.data());
   }
 
-  void raster(const uint32_t* entries, const uint32_t* list_begin) {
+  // Draws the bins from first_bin on, those of the views below end_view; without lists, the background of all that have not been begun.
+  void raster(int64_t end_view, const uint32_t* entries, const uint32_t* list_begin) {
+    std::vector<uint32_t> none;
+    if (!list_begin) {
+      job_.first_bin = job_.begun_views * job_.bins;
+      none.assign(end_view * job_.bins - job_.first_bin + 1, 0);
+      list_begin = none.data();
+    }
     job_.entries = entries;
     job_.list_begin = list_begin;
     // First come, first served: a worker that had a crowded bin takes fewer of them.
-    std::atomic<int64_t> next{0};
-    const int64_t n = bins(), workers = std::min<int64_t>(parallel_.threads, n);
-    parallel_(workers, [&](int64_t worker) {
-      char* scratch = scratch_.get() + worker * kScratchBytes;
-      scratch += -(uintptr_t)scratch & 63;
-      for (int64_t b; (b = next.fetch_add(1, std::memory_order_relaxed)) < n;) kernels_.raster_bin(job_, (int)b, scratch);
-    });
-    job_.first_pass = false;
+    std::atomic<int64_t> next{job_.first_bin};
+    const int64_t end = end_view * job_.bins, workers = std::min<int64_t>(parallel_.threads, end - job_.first_bin);
+    if (workers > 0)
+      parallel_(workers, [&](int64_t worker) {
+        char* scratch = scratch_.get() + worker * kScratchBytes;
+        scratch += -(uintptr_t)scratch & 63;
+        for (int64_t b; (b = next.fetch_add(1, std::memory_order_relaxed)) < end;) kernels_.raster_bin(job_, b, scratch);
+      });
+    job_.begun_views = std::max(job_.begun_views, end_view);
   }
 
-  const Kernels& kernels_;
+  const CheckedFrame& frame_;
+  const BinOwnedKernels& kernels_;
   const Parallel& parallel_;
+  const int64_t most_records_, most_candidates_;
   RasterJob job_;
   std::unique_ptr<char[]> scratch_;
+  Counts counts_;
 };
+
+void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) { Drawing(frame, parallel, values).draw(); }
 
 }  // namespace
 
-BatchLimits batch_limits() { return {max_records.load(std::memory_order_relaxed), max_candidates.load(std::memory_order_relaxed)}; }
+extern const Variant bin_owned_variant;
+const Variant bin_owned_variant = {"bin_owned", "one owner a bin, hidden surfaces rejected; docs/performance.md", kParameters, draw};
 
-void set_batch_limits(const BatchLimits& limits) {
-  max_records.store(limits.records, std::memory_order_relaxed);
-  max_candidates.store(limits.candidates, std::memory_order_relaxed);
-}
-
-int64_t draw_bin_owned(const Kernels& kernels, const Parallel& parallel, const Mesh& mesh, const Viewport& view, int64_t* packed, float* depth) {
-  Frame frame(kernels, parallel, view, packed, depth);
-  if (mesh.count == 0) {
-    frame.finish();
-    return 0;
-  }
-  const int64_t vertex_count = mesh.highest - mesh.lowest + 1;
-  const auto vertices = allocate<Vertex>(vertex_count);
-  const int64_t vertex_chunks = std::min<int64_t>(4 * parallel.threads, vertex_count / 4096 + 1);
-  parallel(vertex_chunks, [&](int64_t c) {
-    const int64_t begin = vertex_count * c / vertex_chunks, end = vertex_count * (c + 1) / vertex_chunks;
-    kernels.project(mesh.positions, mesh.lowest + begin, mesh.lowest + end, view.width, view.height, vertices.get() + begin);
-  });
-
-  const SetupJob job = {mesh.positions, mesh.triangles, vertices.get(), mesh.lowest, view};
-  const int64_t limit = max_records.load(std::memory_order_relaxed);
-  const int64_t chunk_size = std::min(limit, std::clamp<int64_t>(mesh.count / (8 * parallel.threads), 64, kMaxChunk));
-  const int64_t chunk_count = (mesh.count + chunk_size - 1) / chunk_size;
-  std::vector<Chunk> chunks(chunk_count);
-  parallel(chunk_count, [&](int64_t c) {
-    Chunk& k = chunks[c];
-    k = {c * chunk_size, std::min(mesh.count, (c + 1) * chunk_size), 0, 0, 0, 0};
-    k.slots = slots_needed(job, k.begin, k.end);
-  });
-
-  for (int64_t first = 0; first < chunk_count;) {
-    int64_t last = first, slots = 0;
-    while (last < chunk_count && (last == first || slots + chunks[last].slots <= limit)) {
-      chunks[last].slot = slots;
-      slots += chunks[last++].slots;
-    }
-    const auto records = allocate<Record>(slots);
-    const auto candidates = allocate<uint32_t>(slots);
-    parallel(last - first, [&](int64_t i) {
-      Chunk& k = chunks[first + i];
-      k.used = kernels.setup(job, k.begin, k.end, records.get() + k.slot, candidates.get() + k.slot, &k.dropped);
-      std::fill(candidates.get() + k.slot + k.used, candidates.get() + k.slot + k.slots, 0u);
-    });
-    frame.draw(records.get(), candidates.get(), slots);
-    first = last;
-  }
-  frame.finish();
-  return std::accumulate(chunks.begin(), chunks.end(), (int64_t)0, [](int64_t sum, const Chunk& c) { return sum + c.dropped; });
-}
-
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

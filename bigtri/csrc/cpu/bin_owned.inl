@@ -8,6 +8,7 @@
 #include "tile_mask.inl"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int kBlock = 96;  // large records drawn together: enough for their common depth bounds to hide most of them
@@ -178,21 +179,25 @@ void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, 
   }
 }
 
-void raster_bin(const RasterJob& job, int bin, void* memory) {
+void raster_bin(const RasterJob& job, int64_t bin, void* memory) {
   Scratch* s = (Scratch*)memory;
-  const uint32_t *list = job.entries + job.list_begin[bin], *end = job.entries + job.list_begin[bin + 1];
-  const int bin_x = bin % job.bins_x, bin_y = bin / job.bins_x;
-  const Patch patch = patch_of(job, bin_x, bin_y);
+  const uint32_t* begin = job.list_begin + (bin - job.first_bin);
+  const uint32_t *list = job.entries + begin[0], *end = job.entries + begin[1];
+  const int64_t view = bin / job.bins;
+  const int in_view = (int)(bin - view * job.bins), bin_x = in_view % job.bins_x, bin_y = in_view / job.bins_x;
+  const Patch patch = patch_of(job, view, bin_x, bin_y);
+  const bool begun = view < job.begun_views;
   if (list == end) {
-    if (job.first_pass) store_background(job, patch);
+    if (!begun) store_background(job, patch);
     return;
   }
   for (int i = 0; i < kBin * kBin; i += 8) store(s->pixels + i, splat<i64x8>(kBackground));
-  if (!job.first_pass) load_bin(job, patch, s->pixels);
+  if (begun) load_bin(job, patch, s->pixels);
   draw_list(job, list, end, bin_x, bin_y, s);
   apply_scissor(job.view, patch, s->pixels);
   store_bin(job, patch, s->pixels);
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

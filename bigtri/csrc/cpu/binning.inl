@@ -4,18 +4,22 @@
 #include "kernels.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-int64_t bin_records(const Record* records, const uint32_t* candidates, int64_t begin, int64_t end, int bins_x, BinPair* pairs, uint32_t* counts) {
-  int64_t n = 0;
+int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts) {
+  const int bins_x = job.bins_x;
+  int64_t n = 0, view = 0;
   for (int64_t i = begin; i < end; ++i) {
-    if (!candidates[i]) continue;
-    const Record& r = records[i];
+    if (!job.candidates[i]) continue;
+    while (i >= job.view_begin[view + 1]) ++view;
+    const uint32_t first = (uint32_t)(view * job.bins);
+    const Record& r = job.records[i];
     const int c0 = r.x0 / kBin, c1 = (r.x1 - 1) / kBin, r0 = r.y0 / kBin, r1 = (r.y1 - 1) / kBin;
     if (!(r.flags & kRecordLarge)) {
       for (int y = r0; y <= r1; ++y)
         for (int x = c0; x <= c1; ++x) {
-          const uint32_t bin = (uint32_t)(y * bins_x + x);
+          const uint32_t bin = first + (uint32_t)(y * bins_x + x);
           pairs[n++] = {bin, (uint32_t)i << kEntryShift | kEntrySmall};
           ++counts[bin];
         }
@@ -34,7 +38,7 @@ int64_t bin_records(const Record* records, const uint32_t* candidates, int64_t b
       }
       for (int x = c0; x <= c1; ++x) {
         if ((high[0] | high[1] | high[2]) >= 0) {  // sign bit clear in all three
-          const uint32_t bin = (uint32_t)(y * bins_x + x), full = (low[0] | low[1] | low[2]) >= 0 ? kEntryFull : 0;
+          const uint32_t bin = first + (uint32_t)(y * bins_x + x), full = (low[0] | low[1] | low[2]) >= 0 ? kEntryFull : 0;
           pairs[n++] = {bin, (uint32_t)i << kEntryShift | full};
           ++counts[bin];
         }
@@ -49,4 +53,5 @@ int64_t bin_records(const Record* records, const uint32_t* candidates, int64_t b
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -5,6 +5,7 @@
 #include "simd.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // A record's depth within one cell (= one bin). Thin records carry their edges instead of a plane; all values are integers below 2^53, so stepping them in
@@ -94,4 +95,5 @@ BIGTRI_INLINE f32x8 tile_corner_depths(const CellDepth& d, int row, bool farthes
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -1,50 +1,54 @@
-// Which per-ISA build runs: the best that the machine has, unless BIGTRI_ISA names another. All give the same bits.
+// Which instruction set runs: the best that the machine has, unless BIGTRI_ISA names another. All give the same bits.
 
 #include <atomic>
-#include <initializer_list>
 #include <cstdlib>
-#include <cstring>
 
-#include "rasterize.h"
+#include "backend.h"
 
 namespace bigtri {
-
-extern const Kernels kernels_baseline;
-#if defined(__x86_64__)
-extern const Kernels kernels_avx2;
-extern const Kernels kernels_avx512;
-#endif
-
-const Kernels* find_kernels(const char* name) {
-  if (!std::strcmp(name, "baseline")) return &kernels_baseline;
-#if defined(__x86_64__)
-  __builtin_cpu_init();
-  if (!std::strcmp(name, "avx2") && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2")) return &kernels_avx2;
-  if (!std::strcmp(name, "avx512") && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") &&
-      __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("bmi2"))
-    return &kernels_avx512;
-#endif
-  return nullptr;
-}
-
 namespace {
 
-const Kernels* best_kernels() {
-  if (const char* name = std::getenv("BIGTRI_ISA"))
-    if (const Kernels* k = find_kernels(name)) return k;
-  for (const char* name : {"avx512", "avx2"})
-    if (const Kernels* k = find_kernels(name)) return k;
-  return &kernels_baseline;
+constexpr Isa kIsas[] = {Isa::kAvx512, Isa::kAvx2, Isa::kBaseline};  // the best first
+
+bool has(Isa isa) {
+#if defined(__x86_64__)
+  __builtin_cpu_init();
+  if (isa == Isa::kAvx512)
+    return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") &&
+           __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("bmi2");
+  if (isa == Isa::kAvx2) return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2");
+#endif
+  return isa == Isa::kBaseline;
 }
 
-std::atomic<const Kernels*>& current() {
-  static std::atomic<const Kernels*> kernels{best_kernels()};
-  return kernels;
+Isa best() {
+  Isa isa = Isa::kBaseline;
+  if (const char* name = std::getenv("BIGTRI_ISA"))
+    if (find_isa(name, &isa)) return isa;
+  for (const Isa one : kIsas)
+    if (has(one)) return one;
+  return isa;
+}
+
+std::atomic<Isa>& current() {
+  static std::atomic<Isa> isa{best()};
+  return isa;
 }
 
 }  // namespace
 
-const Kernels& current_kernels() { return *current().load(std::memory_order_relaxed); }
-void use_kernels(const Kernels& kernels) { current().store(&kernels, std::memory_order_relaxed); }
+const char* name_of(Isa isa) { return isa == Isa::kAvx512 ? "avx512" : isa == Isa::kAvx2 ? "avx2" : "baseline"; }
+
+bool find_isa(const std::string& name, Isa* isa) {
+  for (const Isa one : kIsas)
+    if (name == name_of(one) && has(one)) {
+      *isa = one;
+      return true;
+    }
+  return false;
+}
+
+Isa current_isa() { return current().load(std::memory_order_relaxed); }
+void use_isa(Isa isa) { current().store(isa, std::memory_order_relaxed); }
 
 }  // namespace bigtri

@@ -5,21 +5,22 @@
 #include "simd.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // The bin's part of the image, px.
 struct Patch {
   int x, y, width, height;
+  int64_t at;  // its first pixel's place in `packed` and `depth`
 };
 
-BIGTRI_INLINE Patch patch_of(const RasterJob& job, int bin_x, int bin_y) {
+BIGTRI_INLINE Patch patch_of(const RasterJob& job, int64_t view, int bin_x, int bin_y) {
   const int x = bin_x * kBin, y = bin_y * kBin;
-  return {x, y, min_of(kBin, job.view.width - x), min_of(kBin, job.view.height - y)};
+  return {x, y, min_of(kBin, job.view.width - x), min_of(kBin, job.view.height - y), (view * job.view.height + y) * job.view.width + x};
 }
 
 void load_bin(const RasterJob& job, const Patch& p, int64_t* pixels) {
-  for (int j = 0; j < p.height; ++j)
-    __builtin_memcpy(pixels + j * kBin, job.packed + (int64_t)(p.y + j) * job.view.width + p.x, (size_t)p.width * sizeof(int64_t));
+  for (int j = 0; j < p.height; ++j) __builtin_memcpy(pixels + j * kBin, job.packed + p.at + (int64_t)j * job.view.width, (size_t)p.width * sizeof(int64_t));
 }
 
 // Tiles and spans ignore the scissor inside a bin; what they drew outside it is taken back here, in the few bins that it crosses.
@@ -33,7 +34,7 @@ void apply_scissor(const Viewport& v, const Patch& p, int64_t* pixels) {
 // Row j of a patch: the pixels given, or background where there are none.
 BIGTRI_INLINE void store_row(const RasterJob& job, const Patch& p, int j, const int64_t* row) {
   const i64x8 background = splat<i64x8>(kBackground);
-  const int64_t at = (int64_t)(p.y + j) * job.view.width + p.x;
+  const int64_t at = p.at + (int64_t)j * job.view.width;
   int64_t* to = job.packed + at;
   if (p.width == kBin && ((uintptr_t)to & 63) == 0)
     for (int i = 0; i < kBin; i += 8) stream(to + i, row ? load<i64x8>(row + i) : background);
@@ -53,4 +54,5 @@ void store_background(const RasterJob& job, const Patch& p) {
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -1,7 +1,19 @@
+#include <immintrin.h>  // before the region: intrinsics name their own instruction sets
+#if !defined(__clang__)
+// gcc 12's own header reads a register on purpose without having set it (_mm512_undefined_epi32), which is told wherever an intrinsic is inlined.
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#endif
+#if defined(__clang__)
+#pragma clang attribute push(__attribute__((target("avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi,bmi2,lzcnt,popcnt"))), apply_to = function)
+#else
 #pragma GCC target("avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi,bmi2,lzcnt,popcnt,prefer-vector-width=512")
+#endif
 #define BIGTRI_SIMD 512
 #include "kernel_table.inl"
 
 namespace bigtri {
 BIGTRI_KERNEL_TABLE(avx512)
 }
+#if defined(__clang__)
+#pragma clang attribute pop
+#endif

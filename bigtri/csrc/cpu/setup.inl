@@ -4,6 +4,7 @@
 #include "kernels.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 void project(const float* positions, int64_t begin, int64_t end, int width, int height, Vertex* out) {
@@ -46,4 +47,5 @@ int64_t setup(const SetupJob& job, int64_t begin, int64_t end, Record* records, 
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

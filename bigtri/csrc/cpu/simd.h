@@ -10,6 +10,7 @@
 #include "../core/numerics.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
 #define BIGTRI_INLINE static inline __attribute__((always_inline))
 
@@ -214,4 +215,5 @@ BIGTRI_INLINE void stream(int64_t* to, const i64x8& v) {
 #endif
 }
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -6,6 +6,7 @@
 #include "tile_mask.inl"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 BIGTRI_INLINE void read_vertices(const int32_t* xy, int32_t x[3], int32_t y[3]) {
@@ -122,4 +123,5 @@ void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const i
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

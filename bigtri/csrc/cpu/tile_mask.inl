@@ -5,6 +5,7 @@
 #include "simd.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 struct TileMasks {
@@ -44,4 +45,5 @@ BIGTRI_INLINE uint64_t tile_coverage(const NarrowEdge e[3], const i32x16 offset[
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -1,33 +1,28 @@
-// The registry of variants, and what they share.
+// The variants of one rung; compiled once per rung, and once more for those that count.
+#include "variants.h"
 
-#include <algorithm>
-#include <vector>
-
-#include "rasterize.h"
+#include "../core/numerics.h"
+#include "backend.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 
-int64_t draw_bin_owned(const Kernels& kernels, const Parallel& parallel, const Mesh& mesh, const Viewport& view, int64_t* packed, float* depth);
+#define BIGTRI_VARIANT(NAME) extern const Variant NAME##_variant;
+BIGTRI_CPU_VARIANTS(BIGTRI_VARIANT)
+#undef BIGTRI_VARIANT
 
-const Variant kVariants[] = {
-    {"bin_owned", draw_bin_owned},
-    {nullptr, nullptr},
+extern const Variant* const kVariants[];
+const Variant* const kVariants[] = {
+#define BIGTRI_VARIANT(NAME) &NAME##_variant,
+    BIGTRI_CPU_VARIANTS(BIGTRI_VARIANT)
+#undef BIGTRI_VARIANT
+        nullptr,
 };
 
-void index_range(const Parallel& parallel, const int32_t* indices, int64_t count, int64_t* lowest, int64_t* highest) {
-  const int64_t chunks = std::min<int64_t>(parallel.threads, count / 65536 + 1);
-  std::vector<int32_t> low(chunks, INT32_MAX), high(chunks, INT32_MIN);
-  parallel(chunks, [&](int64_t c) {
-    int32_t a = INT32_MAX, b = INT32_MIN;
-    for (int64_t i = count * c / chunks, end = count * (c + 1) / chunks; i < end; ++i) {
-      a = std::min(a, indices[i]);
-      b = std::max(b, indices[i]);
-    }
-    low[c] = a;
-    high[c] = b;
-  });
-  *lowest = *std::min_element(low.begin(), low.end());
-  *highest = *std::max_element(high.begin(), high.end());
-}
+#if !defined(BIGTRI_COUNTING)
+extern const int32_t kGuardOfRung;
+const int32_t kGuardOfRung = kGuard;
+#endif
 
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -2,11 +2,10 @@
 
 #include "depth_image.h"
 
-#include "../core/depth.h"
+#include "../core/visibility.h"
 #include "launch.cuh"
 
 namespace bigtri {
-inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // The depth image of a finished frame.
@@ -25,5 +24,4 @@ cudaError_t launch_depth(const Frame& f, int64_t blocks_wanted, cudaStream_t str
   return launch_next(write_depth, blocks, 256, 0, stream, f);
 }
 
-}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

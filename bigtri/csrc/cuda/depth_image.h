@@ -3,13 +3,11 @@
 
 #include <cuda_runtime_api.h>
 
-#include "../core/numerics.h"
+#include "../core/frame.h"
 
 namespace bigtri {
-inline namespace BIGTRI_NAMESPACE {
 
 // A frame's last kernel, where a depth image is wanted. blocks_wanted: as blocks_for has it.
 cudaError_t launch_depth(const Frame& f, int64_t blocks_wanted, cudaStream_t stream);
 
-}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

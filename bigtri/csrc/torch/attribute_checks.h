@@ -9,7 +9,8 @@ namespace bigtri {
 constexpr int64_t kMaxTexture = 65536;  // px a side: texel coordinates stay exact in float32 and int32
 
 // attributes: null for the barycentrics.
-inline void check_interpolation(const char* op, int device, const Tensor& packed, const Tensor& positions, const Tensor& triangles, const Tensor* attributes) {
+inline void check_interpolation(const char* op, int device, const Tensor& packed, const Tensor& positions, const Tensor& triangles, const Tensor* attributes,
+                                const Tensor& out) {
   if (attributes) {
     check_on(op, "attributes", *attributes, device, ScalarType::Float, {-1, -1, -1}, "float32 [B or 1, V, C]");
     check_on(op, "packed", packed, device, ScalarType::Long, {-1, -1, -1}, "int64 [B, H, W]");
@@ -22,9 +23,15 @@ inline void check_interpolation(const char* op, int device, const Tensor& packed
   check_on(op, "triangles", triangles, device, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
   check_count(op, "triangles", triangles.size(0));
   if (packed.numel()) check_size(op, packed.size(1), packed.size(2));
+  check_on(op, "out", out, device, ScalarType::Float, {packed.size(0), packed.size(1), packed.size(2), attributes ? attributes->size(2) : 3},
+           "float32 [B, H, W, C]");
+  check_apart(op, "out", out, "packed", packed);
+  check_apart(op, "out", out, "positions", positions);
+  check_apart(op, "out", out, "triangles", triangles);
+  if (attributes) check_apart(op, "out", out, "attributes", *attributes);
 }
 
-inline void check_sample(int device, const Tensor& texture, const Tensor& uv, const std::string& filter, const std::string& wrap) {
+inline void check_sample(int device, const Tensor& texture, const Tensor& uv, const std::string& filter, const std::string& wrap, const Tensor& out) {
   const char* op = "sample_texture";
   check_on(op, "texture", texture, device, ScalarType::Float, {-1, -1, -1}, "float32 [Ht, Wt, C]");
   check_on(op, "uv", uv, device, ScalarType::Float, {-1, 2}, "float32 [N, 2]");
@@ -33,26 +40,38 @@ inline void check_sample(int device, const Tensor& texture, const Tensor& uv, co
                " px a side, got ", describe(texture));
   BIGTRI_CHECK(filter == "nearest" || filter == "bilinear", "bigtri::sample_texture: filter must be 'nearest' or 'bilinear', got '", filter, "'");
   BIGTRI_CHECK(wrap == "repeat" || wrap == "clamp", "bigtri::sample_texture: wrap must be 'repeat' or 'clamp', got '", wrap, "'");
+  check_on(op, "out", out, device, ScalarType::Float, {uv.size(0), texture.size(2)}, "float32 [N, C]");
+  check_apart(op, "out", out, "texture", texture);
+  check_apart(op, "out", out, "uv", uv);
 }
 
 // Names that check_sample has passed.
 inline Filter filter_of(const std::string& name) { return name == "nearest" ? Filter::kNearest : Filter::kBilinear; }
 inline Wrap wrap_of(const std::string& name) { return name == "repeat" ? Wrap::kRepeat : Wrap::kClamp; }
 
-inline void check_lambert(int device, const Tensor& normals, const Tensor& albedo, const Tensor& ambient, const Tensor& directions, const Tensor& colors) {
+inline void check_lambert(int device, const Tensor& normals, const Tensor& albedo, const Tensor& ambient, const Tensor& directions, const Tensor& colors,
+                          const Tensor& out) {
   const char* op = "lambert";
   check_on(op, "normals", normals, device, ScalarType::Float, {-1, 3}, "float32 [N, 3]");
   check_on(op, "albedo", albedo, device, ScalarType::Float, {normals.size(0), 3}, "float32 [N, 3]");
   check_on(op, "ambient", ambient, device, ScalarType::Float, {3}, "float32 [3]");
   check_on(op, "light_directions", directions, device, ScalarType::Float, {-1, 3}, "float32 [L, 3]");
   check_on(op, "light_colors", colors, device, ScalarType::Float, {directions.size(0), 3}, "float32 [L, 3]");
+  check_on(op, "out", out, device, ScalarType::Float, {normals.size(0), 3}, "float32 [N, 3]");
+  check_apart(op, "out", out, "normals", normals);
+  check_apart(op, "out", out, "albedo", albedo);
+  check_apart(op, "out", out, "ambient", ambient);
+  check_apart(op, "out", out, "light_directions", directions);
+  check_apart(op, "out", out, "light_colors", colors);
 }
 
 // linear: of any shape; thresholds: on the CPU, wherever linear is, since they go to a GPU with the launch.
-inline void check_encode(int device, const Tensor& linear, const Tensor& thresholds) {
+inline void check_encode(int device, const Tensor& linear, const Tensor& thresholds, const Tensor& out) {
   const char* op = "encode_srgb";
   check_on(op, "linear", linear, device, ScalarType::Float, shape_of(linear), "float32");
   check(op, "thresholds", thresholds, ScalarType::Float, {255}, "float32 [255]");
+  check_on(op, "out", out, device, ScalarType::Byte, shape_of(linear), "uint8 of linear's shape");
+  check_apart(op, "out", out, "linear", linear);
 }
 
 }  // namespace bigtri

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "../cpu/rasterize.h"
+#include "../cpu/backend.h"
 
 namespace bigtri {
 
@@ -155,16 +155,21 @@ inline Viewport viewport(const char* op, int64_t height, int64_t width, const st
                             : kCullNone};
 }
 
-// Positions of one view and the triangles; every index is checked before anything is drawn.
-inline Mesh checked_mesh(const char* op, const Parallel& parallel, const float* positions, int64_t vertices, const Tensor& triangles) {
+// The triangles of a frame; every index is checked before anything is drawn.
+inline CheckedFrame checked_frame(const char* op, const Parallel& parallel, const Tensor& triangles, int64_t vertices) {
   check_count(op, "triangles", triangles.size(0));
-  Mesh mesh = {positions, vertices, const_data<int32_t>(triangles), triangles.size(0), INT32_MAX, INT32_MIN};
-  if (mesh.count == 0) return mesh;
-  BIGTRI_CHECK(vertices > 0, "bigtri::", op, ": triangles must be empty where positions is, got ", mesh.count, " triangles");
-  index_range(parallel, mesh.triangles, 3 * mesh.count, &mesh.lowest, &mesh.highest);
-  BIGTRI_CHECK(mesh.lowest >= 0 && mesh.highest < vertices, "bigtri::", op, ": triangles must index positions, 0 to ", vertices - 1, ", got indices from ",
-               mesh.lowest, " to ", mesh.highest);
-  return mesh;
+  CheckedFrame frame = {};
+  frame.triangles = const_data<int32_t>(triangles);
+  frame.count = (int32_t)triangles.size(0);
+  frame.vertices = vertices;
+  frame.lowest = INT32_MAX;
+  frame.highest = INT32_MIN;
+  if (frame.count == 0) return frame;
+  BIGTRI_CHECK(vertices > 0, "bigtri::", op, ": triangles must be empty where positions is, got ", frame.count, " triangles");
+  index_range(parallel, frame.triangles, 3 * (int64_t)frame.count, &frame.lowest, &frame.highest);
+  BIGTRI_CHECK(frame.lowest >= 0 && frame.highest < vertices, "bigtri::", op, ": triangles must index positions, 0 to ", vertices - 1, ", got indices from ",
+               frame.lowest, " to ", frame.highest);
+  return frame;
 }
 
 }  // namespace bigtri

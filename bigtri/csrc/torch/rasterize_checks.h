@@ -26,4 +26,11 @@ inline void check_rasterize(int device, const Tensor& positions, const Tensor& t
   if (depth) check_apart(op, "depth", *depth, "dropped", dropped);
 }
 
+// Arguments that the schema has and nothing serves yet; docs/numerics.md 1 says what they will mean.
+inline void check_unserved(int64_t samples, const std::optional<Tensor>& ranges, const std::optional<Tensor>& behind) {
+  BIGTRI_CHECK(samples == 1, "bigtri::rasterize: samples must be 1, the only number of samples a pixel so far, got ", samples);
+  BIGTRI_CHECK(!ranges, "bigtri::rasterize: ranges must be None, since no variant draws a range of the triangles a view yet, got ", describe(*ranges));
+  BIGTRI_CHECK(!behind, "bigtri::rasterize: behind must be None, since no variant draws the layer behind another yet, got ", describe(*behind));
+}
+
 }  // namespace bigtri

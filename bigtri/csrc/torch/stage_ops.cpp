@@ -1,28 +1,22 @@
-// torch.ops.bigtri.<stage>: each stage by itself, on the layout of docs/architecture.md. For tests and for people who validate a variant: plain loops around the same
-// inner code that rasterize runs.
+// torch.ops.bigtri.<stage>: each stage by itself, on the layout of docs/architecture.md.
 
-#include <array>
+#include <algorithm>
 
-#include "checks.h"
+#include "../core/visibility.h"
+#include "registry.h"
 
 namespace bigtri {
 namespace {
 
-Tensor tensor_of(const std::vector<int32_t>& values, const std::vector<int64_t>& shape) {
-  Tensor t = empty(shape, ScalarType::Int);
-  std::copy(values.begin(), values.end(), data<int32_t>(t));
-  return t;
-}
-
-void check_vertices(const char* op, const Tensor& xy) {
+void check_vertices(const char* op, const CpuRung& rung, const Tensor& xy) {
   check(op, "xy", xy, ScalarType::Int, {-1, 3, 2}, "int32 [N, 3, 2]");
   const int32_t* v = const_data<int32_t>(xy);
   for (int64_t i = 0, n = xy.numel(); i < n; ++i)
-    BIGTRI_CHECK(v[i] >= -kGuard && v[i] < kGuard, "bigtri::", op, ": xy must lie in [", -kGuard, ", ", kGuard, ") subpx, got ", v[i]);
+    BIGTRI_CHECK(v[i] >= -rung.guard && v[i] < rung.guard, "bigtri::", op, ": xy must lie in [", -rung.guard, ", ", rung.guard, ") subpx, got ", v[i]);
 }
 
-void check_records(const char* op, const Tensor& xy, const Tensor& bbox) {
-  check_vertices(op, xy);
+void check_records(const char* op, const CpuRung& rung, const Tensor& xy, const Tensor& bbox) {
+  check_vertices(op, rung, xy);
   check(op, "bbox", bbox, ScalarType::Int, {xy.size(0), 4}, "int32 [N, 4]");
   const int32_t* b = const_data<int32_t>(bbox);
   for (int64_t i = 0, n = bbox.numel(); i < n; ++i)
@@ -57,98 +51,61 @@ int64_t check_spans(const char* op, const Tensor& spans, int64_t records) {
   return pixels;
 }
 
+template <class T>
+Tensor copied(const std::vector<T>& from, const std::vector<int64_t>& shape, ScalarType type) {
+  Tensor t = empty(shape, type);
+  std::copy(from.begin(), from.end(), data<T>(t));
+  return t;
+}
+
 std::tuple<Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor> setup_op(const Tensor& positions, const Tensor& triangles,
                                                                                                     int64_t height, int64_t width, std::string cull,
-                                                                                                    std::vector<int64_t> scissor) {
+                                                                                                    std::vector<int64_t> scissor, std::string precision) {
   const char* op = "setup";
   const Viewport view = viewport(op, height, width, cull, scissor);
+  const CpuRung& rung = find_rung(op, kCpuRungs, precision);
   check(op, "positions", positions, ScalarType::Float, {-1, 4}, "float32 [V, 4]");
   check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
-  const Mesh mesh = checked_mesh(op, torch_threads(), const_data<float>(positions), positions.size(0), triangles);
-  FloatMode mode;
-  std::vector<int32_t> triangle, xy, bbox, corner;
-  std::vector<float> z;
-  std::vector<int64_t> area;
-  std::vector<double> w, weights;
-  std::vector<char> clipped;
-  int64_t lost = 0;
-  Parent parent;
-  for (int64_t t = 0; t < mesh.count; ++t) {
-    float v[3][4];
-    Vertex projected[3];
-    for (int k = 0; k < 3; ++k) {
-      for (int i = 0; i < 4; ++i) v[k][i] = mesh.positions[4 * (int64_t)mesh.triangles[3 * t + k] + i];
-      projected[k] = project_vertex(v[k], view.width, view.height);
-    }
-    lost += expand_parent(v, projected, view, &parent) == Fate::kDropped;
-    for (int s = 0; s < parent.count; ++s) {
-      const Primitive& p = parent.primitive[s];
-      triangle.push_back((int32_t)t);
-      area.push_back(p.area);
-      clipped.push_back(parent.clipped);
-      for (const int32_t b : {p.x0, p.y0, p.x1, p.y1}) bbox.push_back(b);
-      for (int k = 0; k < 3; ++k) {
-        xy.push_back(p.x[k]);
-        xy.push_back(p.y[k]);
-        z.push_back(p.z[k]);
-        w.push_back(parent.w[s][k]);
-        corner.push_back(corner_of(parent, s, k));
-        for (int m = 0; m < 3; ++m) weights.push_back(parent.weights[s][k][m]);
-      }
-    }
-  }
-  const int64_t n = (int64_t)triangle.size();
-  const auto copy = [](const auto& from, const std::vector<int64_t>& shape, ScalarType type) {
-    Tensor t = empty(shape, type);
-    std::copy(from.begin(), from.end(), data<typename std::decay_t<decltype(from)>::value_type>(t));
-    return t;
-  };
+  CheckedFrame frame = checked_frame(op, torch_threads(), triangles, positions.size(0));
+  frame.positions = const_data<float>(positions);
+  frame.views = 1;
+  frame.view = view;
+  SetupOutput o;
+  rung.stages->setup(frame, &o);
+  const int64_t n = (int64_t)o.triangle.size();
   Tensor dropped = empty({}, ScalarType::Long);
-  *data<int64_t>(dropped) = lost;
-  return {copy(triangle, {n}, ScalarType::Int),  copy(xy, {n, 3, 2}, ScalarType::Int),
-          copy(z, {n, 3}, ScalarType::Float),    copy(area, {n}, ScalarType::Long),
-          copy(bbox, {n, 4}, ScalarType::Int),   copy(w, {n, 3}, ScalarType::Double),
-          copy(corner, {n, 3}, ScalarType::Int), copy(weights, {n, 3, 3}, ScalarType::Double),
-          copy(clipped, {n}, ScalarType::Bool),  dropped};
+  *data<int64_t>(dropped) = o.dropped;
+  return {copied(o.triangle, {n}, ScalarType::Int),  copied(o.xy, {n, 3, 2}, ScalarType::Int),
+          copied(o.z, {n, 3}, ScalarType::Float),    copied(o.area, {n}, ScalarType::Long),
+          copied(o.bbox, {n, 4}, ScalarType::Int),   copied(o.w, {n, 3}, ScalarType::Double),
+          copied(o.corner, {n, 3}, ScalarType::Int), copied(o.weights, {n, 3, 3}, ScalarType::Double),
+          copied(o.clipped, {n}, ScalarType::Bool),  dropped};
 }
 
-std::tuple<Tensor, Tensor, Tensor> binning_op(const Tensor& xy, const Tensor& bbox, int64_t threshold) {
-  check_records("binning", xy, bbox);
-  const int32_t *v = const_data<int32_t>(xy), *b = const_data<int32_t>(bbox);
-  std::vector<int32_t> candidates, small;
-  std::vector<char> kept;
-  for (int64_t i = 0; i < xy.size(0); ++i, v += 6, b += 4) {
-    if (b[0] >= b[2] || b[1] >= b[3]) continue;
-    if (!is_large(b[0], b[1], b[2], b[3], threshold)) {
-      small.push_back((int32_t)i);
-      continue;
-    }
-    const int32_t x[3] = {v[0], v[2], v[4]}, y[3] = {v[1], v[3], v[5]};
-    for (int r = b[1] / kBin; r <= (b[3] - 1) / kBin; ++r)
-      for (int c = b[0] / kBin; c <= (b[2] - 1) / kBin; ++c) {
-        bool keep = true;
-        for (int k = 0; k < 3; ++k) keep = keep && bin_edge(edge_of(x, y, k), c, r).highest >= 0;
-        for (const int32_t e : {(int32_t)i, c, r}) candidates.push_back(e);
-        kept.push_back(keep);
-      }
-  }
-  Tensor keep = empty({(int64_t)kept.size()}, ScalarType::Bool);
-  std::copy(kept.begin(), kept.end(), data<char>(keep));
-  return {tensor_of(candidates, {(int64_t)kept.size(), 3}), keep, tensor_of(small, {(int64_t)small.size()})};
+std::tuple<Tensor, Tensor, Tensor> binning_op(const Tensor& xy, const Tensor& bbox, int64_t threshold, std::string precision) {
+  const CpuRung& rung = find_rung("binning", kCpuRungs, precision);
+  check_records("binning", rung, xy, bbox);
+  BinningOutput o;
+  rung.stages->binning(const_data<int32_t>(xy), const_data<int32_t>(bbox), xy.size(0), threshold, &o);
+  const int64_t candidates = (int64_t)o.kept.size();
+  return {copied(o.candidates, {candidates, 3}, ScalarType::Int), copied(o.kept, {candidates}, ScalarType::Bool),
+          copied(o.small, {(int64_t)o.small.size()}, ScalarType::Int)};
 }
 
-std::tuple<Tensor, Tensor> tile_mask_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue) {
-  check_records("tile_mask", xy, bbox);
+std::tuple<Tensor, Tensor> tile_mask_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, std::string precision) {
+  const CpuRung& rung = find_rung("tile_mask", kCpuRungs, precision);
+  check_records("tile_mask", rung, xy, bbox);
   check_queue("tile_mask", queue, xy.size(0));
   Tensor touched = empty({queue.size(0)}, ScalarType::Long), full = empty({queue.size(0)}, ScalarType::Long);
-  current_kernels().tile_mask(const_data<int32_t>(xy), const_data<int32_t>(bbox), const_data<int32_t>(queue), queue.size(0), data<int64_t>(touched),
-                              data<int64_t>(full));
+  rung.stages->tile_mask(const_data<int32_t>(xy), const_data<int32_t>(bbox), const_data<int32_t>(queue), queue.size(0), data<int64_t>(touched),
+                         data<int64_t>(full));
   return {touched, full};
 }
 
-Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, const Tensor& touched, const Tensor& small) {
+Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, const Tensor& touched, const Tensor& small, std::string precision) {
   const char* op = "scanline";
-  check_records(op, xy, bbox);
+  const CpuRung& rung = find_rung(op, kCpuRungs, precision);
+  check_records(op, rung, xy, bbox);
   check_queue(op, queue, xy.size(0));
   check(op, "touched", touched, ScalarType::Long, {queue.size(0)}, "int64 [Q]");
   check(op, "small", small, ScalarType::Int, {-1}, "int32 [M]");
@@ -157,56 +114,57 @@ Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, co
   for (int64_t i = 0; i < queue.size(0); ++i) {
     const int32_t* entry = const_data<int32_t>(queue) + 3 * i;
     const int64_t n =
-        current_kernels().scan_tiles(v + 6 * (int64_t)entry[0], b + 4 * (int64_t)entry[0], entry, (uint64_t)const_data<int64_t>(touched)[i], some.data());
+        rung.stages->scan_tiles(v + 6 * (int64_t)entry[0], b + 4 * (int64_t)entry[0], entry, (uint64_t)const_data<int64_t>(touched)[i], some.data());
     spans.insert(spans.end(), some.begin(), some.begin() + 4 * n);
   }
   for (int64_t i = 0; i < small.size(0); ++i) {
     const int32_t record = const_data<int32_t>(small)[i];
     check_record(op, "small", record, xy.size(0));
-    const int64_t n = current_kernels().scan_rows(v + 6 * (int64_t)record, b + 4 * (int64_t)record, record, some.data());
+    const int64_t n = rung.stages->scan_rows(v + 6 * (int64_t)record, b + 4 * (int64_t)record, record, some.data());
     spans.insert(spans.end(), some.begin(), some.begin() + 4 * n);
   }
-  return tensor_of(spans, {(int64_t)spans.size() / 4, 4});
+  return copied(spans, {(int64_t)spans.size() / 4, 4}, ScalarType::Int);
 }
 
-Tensor depth_op(const Tensor& xy, const Tensor& z, const Tensor& area, const Tensor& spans) {
+Tensor depth_op(const Tensor& xy, const Tensor& z, const Tensor& area, const Tensor& spans, std::string precision) {
   const char* op = "depth";
-  check_vertices(op, xy);
+  const CpuRung& rung = find_rung(op, kCpuRungs, precision);
+  check_vertices(op, rung, xy);
   check(op, "z", z, ScalarType::Float, {xy.size(0), 3}, "float32 [N, 3]");
   check(op, "area", area, ScalarType::Long, {xy.size(0)}, "int64 [N]");
   for (int64_t i = 0; i < xy.size(0); ++i) {
     const int32_t* v = const_data<int32_t>(xy) + 6 * i;
-    const int32_t x[3] = {v[0], v[2], v[4]}, y[3] = {v[1], v[3], v[5]};
     const int64_t given = const_data<int64_t>(area)[i];
-    BIGTRI_CHECK(given > 0 && given == twice_area(x, y), "bigtri::depth: area must be twice the area of xy, ", twice_area(x, y), " subpx^2 and positive, got ",
-                 given);
+    const int64_t right = (int64_t)(v[2] - v[0]) * (v[5] - v[1]) - (int64_t)(v[3] - v[1]) * (v[4] - v[0]);
+    BIGTRI_CHECK(given > 0 && given == right, "bigtri::depth: area must be twice the area of xy, ", right, " subpx^2 and positive, got ", given);
   }
   Tensor out = empty({check_spans(op, spans, xy.size(0))}, ScalarType::Float);
-  FloatMode mode;
-  current_kernels().depth_spans(const_data<int32_t>(xy), const_data<float>(z), const_data<int64_t>(area), const_data<int32_t>(spans), spans.size(0),
-                                data<float>(out));
+  rung.stages->depth(const_data<int32_t>(xy), const_data<float>(z), const_data<int64_t>(area), const_data<int32_t>(spans), spans.size(0), data<float>(out));
   return out;
 }
 
-Tensor visibility_op(const Tensor& triangle, const Tensor& spans, const Tensor& depth, int64_t height, int64_t width) {
+void visibility_op(const Tensor& triangle, const Tensor& spans, const Tensor& depth, const Tensor& out) {
   const char* op = "visibility";
+  check(op, "out", out, ScalarType::Long, {-1, -1}, "int64 [height, width]");
+  const int64_t height = out.size(0), width = out.size(1);
   check_size(op, height, width);
   check(op, "triangle", triangle, ScalarType::Int, {-1}, "int32 [N]");
   check(op, "depth", depth, ScalarType::Float, {check_spans(op, spans, triangle.size(0))}, "float32 [F], one per pixel of the spans");
+  check_apart(op, "out", out, "triangle", triangle);
+  check_apart(op, "out", out, "spans", spans);
+  check_apart(op, "out", out, "depth", depth);
   const int32_t* s = const_data<int32_t>(spans);
   for (int64_t i = 0; i < spans.size(0); ++i)
     BIGTRI_CHECK(s[4 * i + 1] < height && s[4 * i + 3] <= width, "bigtri::visibility: spans must lie in the image of ", height, " x ", width, ", got row ",
                  s[4 * i + 1], ", upper ", s[4 * i + 3]);
-  Tensor packed = empty({height, width}, ScalarType::Long);
-  int64_t* out = data<int64_t>(packed);
-  std::fill(out, out + height * width, kBackground);
+  int64_t* packed = data<int64_t>(out);
+  std::fill(packed, packed + height * width, kBackground);
   const float* z = const_data<float>(depth);
   for (int64_t i = 0; i < spans.size(0); ++i, s += 4)
     for (int64_t x = s[2]; x < s[3]; ++x, ++z) {
-      int64_t& pixel = out[s[1] * width + x];
+      int64_t& pixel = packed[s[1] * width + x];
       pixel = min_of(pixel, pack_fragment(*z, (uint32_t)const_data<int32_t>(triangle)[s[0]]));
     }
-  return packed;
 }
 
 }  // namespace

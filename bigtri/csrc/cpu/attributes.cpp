@@ -1,0 +1,21 @@
+// What reads a visibility buffer and depends on where vertices lie: the rows of all views; compiled once per rung.
+
+#include <algorithm>
+
+#include "kernels.h"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+
+void interpolate_views(const AttributeJob& job, const Parallel& parallel);
+void interpolate_views(const AttributeJob& job, const Parallel& parallel) {
+  const AttributeKernels& kernels = current_kernels().attributes;
+  const int64_t rows = job.views * job.height, blocks = std::min<int64_t>(rows, 8 * parallel.threads);
+  parallel(blocks, [&](int64_t block) {
+    Parent scratch;
+    for (int64_t y = rows * block / blocks; y < rows * (block + 1) / blocks; ++y) kernels.interpolate_row(job, y / job.height, y % job.height, &scratch);
+  });
+}
+
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri

@@ -1,0 +1,27 @@
+// What there is for each rung. The names stand in the rung's inline namespace, so here they are told apart by it.
+#include "../core/precision.h"
+#include "backend.h"
+
+namespace bigtri {
+
+#define BIGTRI_RUNG_DECLARED(NAME)                                           \
+  namespace NAME {                                                           \
+  extern const Variant* const kVariants[];                                   \
+  extern const int32_t kGuardOfRung;                                         \
+  extern const Stages kStages;                                               \
+  void interpolate_views(const AttributeJob& job, const Parallel& parallel); \
+  }                                                                          \
+  namespace NAME##_counting {                                                \
+    extern const Variant* const kVariants[];                                 \
+  }
+BIGTRI_RUNGS(BIGTRI_RUNG_DECLARED)
+#undef BIGTRI_RUNG_DECLARED
+
+const CpuRung kCpuRungs[] = {
+#define BIGTRI_RUNG_LISTED(NAME) {#NAME, NAME::kGuardOfRung, NAME::kVariants, NAME##_counting::kVariants, &NAME::kStages, NAME::interpolate_views},
+    BIGTRI_RUNGS(BIGTRI_RUNG_LISTED)
+#undef BIGTRI_RUNG_LISTED
+        {},
+};
+
+}  // namespace bigtri

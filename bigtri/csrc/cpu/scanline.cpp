@@ -1,0 +1,86 @@
+// The scanline variant: a task takes some triangles, cuts each row of a triangle's bounding box to the exact span, and offers the span's pixels their depth with an atomic minimum. The naive
+// baseline of the field (Sui's first pipeline), and the shortest complete variant: copy it to begin one of your own.
+
+#include <algorithm>
+
+#include "../core/record.h"
+#include "../core/resolve.h"
+#include "../core/scanline.h"
+#include "backend.h"
+#include "counting.h"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+namespace {
+
+constexpr Parameter kParameters[] = {{"share", "triangles", "triangles that a task takes at a time", 256, 1, 1 << 20}, {}};
+
+void keep_nearest(int64_t* pixel, int64_t packed) {
+  int64_t old = __atomic_load_n(pixel, __ATOMIC_RELAXED);
+  while (packed < old && !__atomic_compare_exchange_n(pixel, &old, packed, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
+  }
+}
+
+void draw_row(const Record& r, int y, int64_t lower, int64_t upper, const Frame& view) {
+  CellPlane plane = {0, r.dzdx, r.dzdy};
+  int cell = -1;
+  for (int x = r.x0 + (int)lower; x < r.x0 + (int)upper; ++x) {
+    double z;
+    if (r.flags & kRecordThin) {
+      z = depth_at(r.x, r.y, r.z, r.area, x, y);
+    } else {
+      if (x / kBin != cell) plane.zcell = depth_at(r.x, r.y, r.z, r.area, x / kBin * kBin, y / kBin * kBin);
+      cell = x / kBin;
+      z = plane_row<double>(plane.zcell, plane.dzdy, y % kBin) + plane_column<double>(plane.dzdx, x % kBin);
+    }
+    keep_nearest(view.packed + (int64_t)y * view.view.width + x, pack_fragment(finish_depth(z, r.zmin, r.zmax), r.triangle));
+  }
+}
+
+void draw_record(const Record& r, const Frame& view, Counts* counts) {
+  for (int y = r.y0; y < r.y1; ++y) {
+    int64_t lower = 0, upper = r.x1 - r.x0;
+    for (int k = 0; k < 3; ++k) {
+      const Edge e = edge_of(r.x, r.y, k);
+      cut_span(edge_steps(e, r.x0, y), -e.dy, &lower, &upper);
+    }
+    draw_row(r, y, lower, upper, view);
+    counts->add(Counter::fragments, std::max<int64_t>(upper - lower, 0));
+  }
+  counts->add(Counter::records, 1);
+  counts->add(Counter::rows, r.y1 - r.y0);
+}
+
+void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+  const int64_t rows = (int64_t)frame.views * frame.view.height, width = frame.view.width;
+  parallel(rows, [&](int64_t y) { std::fill_n(frame.packed + y * width, width, kBackground); });
+  std::fill_n(frame.dropped, frame.views, 0);
+  const int64_t share = values[0], shares = (frame.count + share - 1) / share;
+  parallel(frame.views * shares, [&](int64_t task) {
+    const Frame view = view_of(frame, task / shares);
+    const int64_t begin = task % shares * share, end = std::min<int64_t>(begin + share, frame.count);
+    Counts counts;
+    Parent parent;
+    int64_t dropped = 0;
+    for (int64_t t = begin; t < end; ++t) {
+      dropped += expand_triangle(view, t, &parent) == Fate::kDropped;
+      for (int s = 0; s < parent.count; ++s) {
+        Record record;
+        fill_record(parent.primitive[s], t, &record);
+        draw_record(record, view, &counts);
+      }
+    }
+    __atomic_fetch_add(view.dropped, dropped, __ATOMIC_RELAXED);
+    counts.publish(frame.counters);
+  });
+  if (frame.depth)
+    parallel(rows, [&](int64_t y) { std::transform(frame.packed + y * width, frame.packed + (y + 1) * width, frame.depth + y * width, depth_of); });
+}
+
+}  // namespace
+
+extern const Variant scanline_variant;
+const Variant scanline_variant = {"scanline", "a triangle at a time, row by row, with atomics: Sui's first pipeline", kParameters, draw};
+
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri

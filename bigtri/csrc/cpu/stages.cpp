@@ -1,0 +1,75 @@
+// The stages one at a time; compiled once per rung. For tests and for people who validate a variant: plain loops around the same inner code that the variants run.
+
+#include "kernels.h"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+namespace {
+
+void setup(const CheckedFrame& frame, SetupOutput* out) {
+  FloatMode mode;
+  out->dropped = 0;
+  Parent parent;
+  for (int64_t t = 0; t < frame.count; ++t) {
+    out->dropped += expand_triangle(frame, t, &parent) == Fate::kDropped;
+    for (int s = 0; s < parent.count; ++s) {
+      const Primitive& p = parent.primitive[s];
+      out->triangle.push_back((int32_t)t);
+      out->area.push_back(p.area);
+      out->clipped.push_back(parent.clipped);
+      for (const int32_t b : {p.x0, p.y0, p.x1, p.y1}) out->bbox.push_back(b);
+      for (int k = 0; k < 3; ++k) {
+        out->xy.push_back(p.x[k]);
+        out->xy.push_back(p.y[k]);
+        out->z.push_back(p.z[k]);
+        out->w.push_back(parent.w[s][k]);
+        out->corner.push_back(corner_of(parent, s, k));
+        for (int m = 0; m < 3; ++m) out->weights.push_back(parent.weights[s][k][m]);
+      }
+    }
+  }
+}
+
+void binning(const int32_t* xy, const int32_t* bbox, int64_t records, int64_t threshold, BinningOutput* out) {
+  const int32_t *v = xy, *b = bbox;
+  for (int64_t i = 0; i < records; ++i, v += 6, b += 4) {
+    if (b[0] >= b[2] || b[1] >= b[3]) continue;
+    if (!is_large(b[0], b[1], b[2], b[3], threshold)) {
+      out->small.push_back((int32_t)i);
+      continue;
+    }
+    const int32_t x[3] = {v[0], v[2], v[4]}, y[3] = {v[1], v[3], v[5]};
+    for (int r = b[1] / kBin; r <= (b[3] - 1) / kBin; ++r)
+      for (int c = b[0] / kBin; c <= (b[2] - 1) / kBin; ++c) {
+        bool keep = true;
+        for (int k = 0; k < 3; ++k) keep = keep && bin_edge(edge_of(x, y, k), c, r).highest >= 0;
+        for (const int32_t e : {(int32_t)i, c, r}) out->candidates.push_back(e);
+        out->kept.push_back(keep);
+      }
+  }
+}
+
+void tile_mask(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched, int64_t* full) {
+  current_kernels().stages.tile_mask(xy, bbox, queue, count, touched, full);
+}
+
+int64_t scan_tiles(const int32_t* xy, const int32_t* bbox, const int32_t* entry, uint64_t touched, int32_t* spans) {
+  return current_kernels().stages.scan_tiles(xy, bbox, entry, touched, spans);
+}
+
+int64_t scan_rows(const int32_t* xy, const int32_t* bbox, int32_t record, int32_t* spans) {
+  return current_kernels().stages.scan_rows(xy, bbox, record, spans);
+}
+
+void depth(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count, float* out) {
+  FloatMode mode;
+  current_kernels().stages.depth(xy, z, area, spans, count, out);
+}
+
+}  // namespace
+
+extern const Stages kStages;
+const Stages kStages = {setup, binning, tile_mask, scan_tiles, scan_rows, depth};
+
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri

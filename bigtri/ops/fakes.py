@@ -1,0 +1,96 @@
+"""What every operator asks of its tensors and what it returns, without memory: for torch.compile, FakeTensorMode and opcheck.
+
+torch runs a fake kernel wherever one argument is on the meta device, so the real operator's checks do not see such a call: the
+number of dimensions and the device are checked here too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import torch
+
+from .. import native
+
+Result = Callable[[dict[str, Any]], Any]
+
+
+class _Operator(NamedTuple):
+    dimensions: dict[str, int | str | None]  # of each tensor, in the schema's order; None: any number; a name: as that one
+    result: Result = lambda _: None  # operators that write to an argument return nothing
+    anywhere: tuple[str, ...] = ()  # tensors that may also be on the CPU, wherever the others are
+
+
+def _new_size() -> torch.SymInt:
+    """A number of rows that only the data decides."""
+    return torch.library.get_ctx().new_dynamic_size(min=0)
+
+
+def _records(a: dict[str, Any]) -> tuple[torch.Tensor, ...]:
+    n = _new_size()
+    i32, f32, i64, f64 = torch.int32, torch.float32, torch.int64, torch.float64
+    shapes = [((n,), i32), ((n, 3, 2), i32), ((n, 3), f32), ((n,), i64), ((n, 4), i32), ((n, 3), f64), ((n, 3), i32)]
+    shapes += [((n, 3, 3), f64), ((n,), torch.bool), ((), i64)]
+    return tuple(a["positions"].new_empty(shape, dtype=dtype) for shape, dtype in shapes)
+
+
+def _bins(a: dict[str, Any]) -> tuple[torch.Tensor, ...]:
+    xy, candidates, small = a["xy"], _new_size(), _new_size()
+    return xy.new_empty((candidates, 3)), xy.new_empty((candidates,), dtype=torch.bool), xy.new_empty((small,))
+
+
+def _masks(a: dict[str, Any]) -> tuple[torch.Tensor, ...]:
+    masks = a["queue"].new_empty((a["queue"].shape[0],), dtype=torch.int64)
+    return masks, torch.empty_like(masks)
+
+
+_DRAWN = {"positions": 3, "triangles": 2}
+_READ = {"packed": 3, **_DRAWN}
+OPERATORS: dict[str, _Operator] = {
+    "rasterize": _Operator({**_DRAWN, "ranges": 2, "behind": 3, "packed": 3, "depth": 3, "dropped": 1, "counters": 1}),
+    "setup": _Operator({"positions": 2, "triangles": 2}, _records),
+    "binning": _Operator({"xy": 3, "bbox": 2}, _bins),
+    "tile_mask": _Operator({"xy": 3, "bbox": 2, "queue": 2}, _masks),
+    "scanline": _Operator(
+        {"xy": 3, "bbox": 2, "queue": 2, "touched": 1, "small": 1}, lambda a: a["xy"].new_empty((_new_size(), 4))
+    ),
+    "depth": _Operator({"xy": 3, "z": 2, "area": 1, "spans": 2}, lambda a: a["z"].new_empty((_new_size(),))),
+    "visibility": _Operator({"triangle": 1, "spans": 2, "depth": 1, "out": 2}),
+    "interpolate": _Operator({**_READ, "attributes": 3, "out": 4}),
+    "barycentrics": _Operator({**_READ, "out": 4}),
+    "sample_texture": _Operator({"texture": 3, "uv": 2, "out": 2}),
+    "lambert": _Operator({"normals": 2, "albedo": 2, "ambient": 1, "light_directions": 2, "light_colors": 2, "out": 2}),
+    "encode_srgb": _Operator({"linear": None, "thresholds": 1, "out": "linear"}, anywhere=("thresholds",)),
+}
+
+
+def _fake(name: str, names: list[str], *given: Any, **named: Any) -> Any:
+    """The fake kernel of an operator; ``names``: of its arguments.
+
+    Raises:
+        RuntimeError: a tensor has another number of dimensions, or is not on the first one's device.
+    """
+    operator = OPERATORS[name]
+    bound = dict(zip(names, given, strict=False)) | named
+    tensors = {key: bound[key] for key in operator.dimensions if bound.get(key) is not None}
+    first, reference = next(iter(tensors.items()))
+    for key, value in tensors.items():
+        wanted = operator.dimensions[key]
+        wanted = tensors[wanted].ndim if isinstance(wanted, str) else wanted
+        if wanted is not None and value.ndim != wanted:
+            raise RuntimeError(f"bigtri::{name}: {key} must have {wanted} dimensions, got {list(value.shape)}")
+        if value.device != reference.device and not (key in operator.anywhere and value.device.type == "cpu"):
+            raise RuntimeError(f"bigtri::{name}: {key} must be on {reference.device} like {first}, got {value.device}")
+    return operator.result(bound)
+
+
+def _register() -> None:
+    for name in OPERATORS:
+        names = [argument.name for argument in getattr(torch.ops.bigtri, name).default._schema.arguments]
+        torch.library.register_fake(f"bigtri::{name}")(partial(_fake, name, names))
+
+
+if native.available():
+    _register()

@@ -1,0 +1,78 @@
+"""The clock: how long a call takes, how much memory it needs, and what holds meanwhile.
+
+It warms up, then repeats until its time is spent, and reports median, minimum and quartiles: on a shared machine the minimum is
+what the code can do, the distance between the quartiles how far to trust the median.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from .. import native
+
+
+class Timing(NamedTuple):
+    """Milliseconds per call."""
+
+    median: float
+    minimum: float
+    p25: float
+    p75: float
+    repeats: int
+
+
+def summary(ms: Sequence[float]) -> Timing:
+    p25, median, p75 = np.percentile(ms, [25, 50, 75])
+    return Timing(float(median), float(min(ms)), float(p25), float(p75), len(ms))
+
+
+def clock(call: Callable[[], object], seconds: float, warm: int = 2, at_least: int = 5, at_most: int = 1000) -> list[float]:
+    """Milliseconds of each call, for about `seconds` but at least `at_least` calls, after `warm` calls that do not count."""
+    for _ in range(warm):
+        call()
+    ms: list[float] = []
+    end = time.perf_counter() + seconds
+    while len(ms) < at_least or (time.perf_counter() < end and len(ms) < at_most):
+        start = time.perf_counter()
+        call()
+        ms.append((time.perf_counter() - start) * 1e3)
+    return ms
+
+
+def peak_mib(call: Callable[[], object]) -> float | None:
+    """How far the resident memory rises above where it was during `call`, MiB; None where the system cannot say.
+
+    Measured on a first call, before scratch memory is kept for reuse.
+    """
+
+    def resident(field: str) -> int:  # KiB
+        return int(next(line for line in status.read_text().splitlines() if line.startswith(field)).split()[1])
+
+    status = Path("/proc/self/status")
+    try:
+        Path("/proc/self/clear_refs").write_text("5")  # resets VmHWM, the high-water mark (Linux)
+        before = resident("VmRSS")
+    except (OSError, StopIteration):
+        call()
+        return None
+    call()
+    return max(0, resident("VmHWM") - before) / 1024
+
+
+@contextmanager
+def setting(threads: int, isa: str | None = None) -> Iterator[None]:
+    """torch's thread count and bigtri's instruction set for a while."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        with native.using_isa(isa or native.isa()):
+            yield
+    finally:
+        torch.set_num_threads(before)
