@@ -1,9 +1,8 @@
 """Builds the extension `bigtri._C`: one abi3 library on torch's stable ABI, which runs on Python >= 3.10 and torch >= 2.10.
 
-With a torch built for CUDA and a CUDA toolkit (CUDA_HOME, or nvcc on the PATH) the CUDA kernels are built too; no GPU has to be
-there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 insists on them. TORCH_CUDA_ARCH_LIST says for which architectures
-("7.5;9.0;12.0+PTX"); by default for the GPUs of this
-machine, or for all of these where there is none.
+With a torch built for CUDA and a CUDA toolkit (CUDA_HOME, or nvcc on the PATH) the CUDA kernels are built too, as `bigtri._cuda`
+beside it; no GPU has to be there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 insists on them. TORCH_CUDA_ARCH_LIST says for
+which architectures ("7.5;9.0;12.0+PTX"); by default for the GPUs of this machine, or for all of these where there is none.
 """
 
 import os
@@ -87,6 +86,18 @@ def cpu_sources() -> list[str]:
     return files
 
 
+def cuda_sources() -> list[str]:
+    listed = re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\)(.*)", (CSRC / "cuda/variants.h").read_text())
+    variants = {rung: re.findall(r"\bX\((\w+)\)", names) for rung, names in listed}
+    files = sorted(CSRC.glob("cuda/*.cu"))
+    each = [f for f in files if "BIGTRI_NAMESPACE" in f.read_text()]  # depends on the rung
+    found = [str(f) for f in [*(f for f in files if f not in each), *sorted(CSRC.glob("torch/cuda_*.cpp"))]]
+    for rung in RUNGS:
+        elsewhere = {name for names in variants.values() for name in names} - {*variants[rung]}
+        found += [per_rung(f, rung) for f in each if f.stem not in elsewhere]
+    return found
+
+
 def extensions() -> list[CppExtension]:
     flags = [*FLAGS, f"-DTORCH_TARGET_VERSION={TARGET_TORCH}"]
     link = []
@@ -96,7 +107,12 @@ def extensions() -> list[CppExtension]:
         link += [f"-fsanitize={sanitize}"]
     headers = [str(f) for pattern in ("*.h", "*.inl", "*.cuh", "*.cpp", "*.cu") for f in sorted(CSRC.rglob(pattern))]
     common = {"include_dirs": [str(CSRC.resolve())], "extra_link_args": link, "depends": headers, "py_limited_api": True}
-    found = [CppExtension("bigtri._C", cpu_sources(), extra_compile_args={"cxx": flags}, **common)]
+    found = [CppExtension("bigtri._C", cpu_sources(), extra_compile_args={"cxx": [*flags]}, **common)]
+    if with_cuda():
+        if not torch.cuda.is_available():
+            os.environ.setdefault("TORCH_CUDA_ARCH_LIST", known_architectures())
+        flags += ["-DUSE_CUDA"]  # torch's stable header then declares its CUDA functions
+        found += [CUDAExtension("bigtri._cuda", cuda_sources(), extra_compile_args={"cxx": flags, "nvcc": CUDA_FLAGS}, **common)]
     return found
 
 

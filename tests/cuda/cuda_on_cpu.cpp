@@ -9,7 +9,14 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "frame.h"
+#include "../core/precision.h"
+#include "variant.h"
+
+namespace bigtri {
+namespace BIGTRI_RUNG {
+extern const CudaVariant* const kCudaVariants[];
+}
+}  // namespace bigtri
 
 uint3 threadIdx, blockIdx;
 dim3 blockDim, gridDim;
@@ -190,6 +197,12 @@ class Memory {
   char* base_;
 };
 
+const bigtri::CudaVariant* find_variant(const char* name) {
+  const bigtri::CudaVariant* const* v = bigtri::BIGTRI_RUNG::kCudaVariants;
+  while (*v && strcmp((*v)->name, name) != 0) ++v;
+  return *v;
+}
+
 }  // namespace
 
 const uint64_t* warp_values(uint64_t value, const char* file, int line) {
@@ -242,14 +255,16 @@ cudaError_t cudaMemsetAsync(void* p, int value, size_t bytes, cudaStream_t) {
 }
 void set_order(int v) { order = v; }
 
-void default_settings(int64_t* fields) {
-  const bigtri::Tuning tuning;
-  memcpy(fields, &tuning, sizeof tuning);
+// Of parameter i of a variant; null or 0 where there is none.
+const char* parameter_name(const char* variant, int i) {
+  const bigtri::CudaVariant* v = find_variant(variant);
+  return v ? v->parameters[i].name : nullptr;
 }
+int64_t parameter_standard(const char* variant, int i) { return find_variant(variant)->parameters[i].standard; }
 
-// One image; view: width, height, scissor x0 y0 x1 y1, cull. depth may be null. 0, or what was refused.
-int draw_on_cpu(const char* variant, const float* positions, int64_t vertices, const int32_t* triangles, int32_t count, const int32_t* view,
-                const int64_t* settings, int64_t* packed, float* depth, int64_t* dropped) {
+// One image for each of `views`; view: width, height, scissor x0 y0 x1 y1, cull. depth may be null. 0, or what was refused.
+int draw_on_cpu(const char* variant, int32_t views, const float* positions, int64_t vertices, const int32_t* triangles, int32_t count, const int32_t* view,
+                const int64_t* values, int64_t* packed, float* depth, int64_t* dropped) {
   using namespace bigtri;
   static bool handled = false;
   if (!handled) {
@@ -263,32 +278,30 @@ int draw_on_cpu(const char* variant, const float* positions, int64_t vertices, c
     sigaction(SIGBUS, &action, nullptr);
     handled = true;
   }
-  const CudaVariant* chosen = kCudaVariants;
-  while (chosen->name && strcmp(chosen->name, variant) != 0) ++chosen;
-  if (!chosen->name) return 1;
-  static_assert(sizeof(Tuning) == kTuningFields * sizeof(int64_t), "nothing but the fields");
-  Tuning tuning;
-  memcpy(&tuning, settings, sizeof tuning);
-  if (!set_tuning(tuning)) return 2;
-  const size_t pixels = (size_t)view[0] * view[1];
-  const Memory p(vertices * 16, 0), t((size_t)count * 12, 0), image(pixels * 8, 0x33), depths(pixels * 4, 0x33), drops(8, 0x33);
-  if (vertices) memcpy(p.of<float>(), positions, vertices * 16);
+  const CudaVariant* chosen = find_variant(variant);
+  if (!chosen) return 1;
+  for (int i = 0; chosen->parameters[i].name; ++i)
+    if (!chosen->parameters[i].allows(values[i])) return 2;
+  const size_t pixels = (size_t)views * view[0] * view[1];
+  const Memory p(views * vertices * 16, 0), t((size_t)count * 12, 0), image(pixels * 8, 0x33), depths(pixels * 4, 0x33), drops(views * 8, 0x33);
+  if (vertices) memcpy(p.of<float>(), positions, views * vertices * 16);
   if (count) memcpy(t.of<int32_t>(), triangles, (size_t)count * 12);
   Frame f = {};
   f.positions = p.of<float>();
   f.triangles = t.of<int32_t>();
   f.vertices = vertices;
   f.count = count;
+  f.views = views;
   f.view = {view[0], view[1], view[2], view[3], view[4], view[5], view[6]};
   f.packed = image.of<int64_t>();
   f.depth = depth ? depths.of<float>() : nullptr;
   f.dropped = drops.of<int64_t>();
   kernel = 0;
-  const Memory scratch(chosen->scratch_bytes(f, tuning), 0x7f);
-  if (chosen->draw(f, tuning, scratch.of<char>(), nullptr) != cudaSuccess) return 3;
+  const Memory scratch(chosen->scratch_bytes(f, values), 0x7f);
+  if (chosen->draw(f, values, scratch.of<char>(), nullptr) != cudaSuccess) return 3;
   memcpy(packed, f.packed, pixels * 8);
   if (depth) memcpy(depth, f.depth, pixels * 4);
-  *dropped = *f.dropped;
+  memcpy(dropped, f.dropped, views * 8);
   return 0;
 }
 }

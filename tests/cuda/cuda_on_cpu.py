@@ -25,12 +25,12 @@ import numpy as np
 from cases import Case
 from numpy.typing import NDArray
 
-from bigtri import native
-
 HERE = Path(__file__).resolve().parent
 CSRC = HERE.parents[1] / "bigtri/csrc"
-SOURCES = tuple(sorted(file.stem for file in CSRC.glob("cuda/*.cu") if file.stem != "attributes"))
-VARIANTS = tuple(re.findall(r'\{"(\w+)", ', (CSRC / "cuda/variants.cu").read_text()))  # the registry
+SOURCES = tuple(sorted(file.stem for file in CSRC.glob("cuda/*.cu") if file.stem not in ("attributes", "rungs", "shading")))
+REGISTRY = dict(re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\) (.*)", (CSRC / "cuda/variants.h").read_text()))
+VARIANTS_OF = {rung: tuple(re.findall(r"X\((\w+)\)", listed)) for rung, listed in REGISTRY.items()}
+VARIANTS = VARIANTS_OF["exact"]
 CULLS = {"none": 0, "back": 1, "front": 2}
 
 # What a host compiler has no words for, and what there is instead: everything else is in cuda_on_cpu.h.
@@ -46,14 +46,14 @@ NO_ASSEMBLY = 'asm volatile("" : "+r"(v));'  # stays: it says something to the c
 
 
 class Job(NamedTuple):
-    """A picture to draw, and what it has to be."""
+    """A picture to draw, and what it has to be; or several of one mesh, where the case has positions [B, V, 4]."""
 
     case: Case
-    packed: NDArray[np.int64]  # [H, W]
-    depth: NDArray[np.float32]  # [H, W]
-    dropped: int
+    packed: NDArray[np.int64]  # [H, W] or [B, H, W]
+    depth: NDArray[np.float32]  # as packed
+    dropped: int  # in all views
     variant: str
-    settings: Mapping[str, int]  # fields of CudaTuning
+    settings: Mapping[str, int]  # parameters; those that the variant does not have are left out
     cull: str = "none"
     scissor: tuple[int, int, int, int] | None = None
 
@@ -77,10 +77,10 @@ def available() -> str:
     return "" if cuda_headers() else "no headers of the CUDA toolkit"
 
 
-def build(folder: Path, mutation: tuple[str, str, str] | None = None) -> ctypes.CDLL:
+def build(folder: Path, mutation: tuple[str, str, str] | None = None, rung: str = "exact") -> ctypes.CDLL:
     """Compile the kernels into ``folder``. mutation: a file of csrc/cuda, text that it holds, and what to put in its place."""
     shutil.copytree(CSRC / "core", folder / "core")
-    shutil.copytree(CSRC / "cuda", folder / "cuda", ignore=shutil.ignore_patterns("attributes*"))
+    shutil.copytree(CSRC / "cuda", folder / "cuda", ignore=shutil.ignore_patterns("attributes*", "rungs*", "shading*"))
     for file in (folder / "cuda").iterdir():
         text = file.read_text()
         if mutation and file.name == mutation[0]:
@@ -91,9 +91,10 @@ def build(folder: Path, mutation: tuple[str, str, str] | None = None) -> ctypes.
         assert "asm volatile" not in text.replace(NO_ASSEMBLY, ""), f"{file.name}: assembly that has no other form here"
         file.write_text(text)
     folders = [f"-I{path}" for path in (cuda_headers(), folder / "cuda", HERE)]
-    compiler = ["c++", "-std=c++17", "-O1", "-w", "-fPIC", "-ffp-contract=off", *folders]
+    compiler = ["c++", "-std=c++17", "-O1", "-w", "-fPIC", "-ffp-contract=off", f"-DBIGTRI_RUNG={rung}", *folders]
     header = ["-include", str(HERE / "cuda_on_cpu.h"), "-x", "c++", "-c"]
-    sources = {folder / "cuda" / f"{name}.cu": folder / f"{name}.o" for name in SOURCES}
+    unlisted = {*VARIANTS} - {*VARIANTS_OF[rung]}
+    sources = {folder / "cuda" / f"{name}.cu": folder / f"{name}.o" for name in SOURCES if name not in unlisted}
     sources[HERE / "cuda_on_cpu.cpp"] = folder / "cuda_on_cpu.o"
     running = [subprocess.Popen([*compiler, *header, str(source), "-o", str(out)]) for source, out in sources.items()]
     assert not any([process.wait() for process in running]), "the kernels do not compile for the host"
@@ -103,8 +104,18 @@ def build(folder: Path, mutation: tuple[str, str, str] | None = None) -> ctypes.
 
 
 @functools.cache
-def kernels() -> ctypes.CDLL:
-    return build(Path(tempfile.mkdtemp(prefix="bigtri_cuda_on_cpu_")) / "build")
+def kernels(rung: str = "exact") -> ctypes.CDLL:
+    return build(Path(tempfile.mkdtemp(prefix="bigtri_cuda_on_cpu_")) / "build", rung=rung)
+
+
+def parameters(library: ctypes.CDLL, variant: str) -> dict[str, int]:
+    """The names of a variant's parameters and their standard values, in order."""
+    library.parameter_name.restype = ctypes.c_char_p
+    library.parameter_standard.restype = ctypes.c_int64
+    found = {}
+    while name := library.parameter_name(variant.encode(), len(found)):
+        found[name.decode()] = library.parameter_standard(variant.encode(), len(found))
+    return found
 
 
 def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.float32], int]:
@@ -117,25 +128,27 @@ def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.
     x0, y0, x1, y1 = job.scissor or (0, 0, width, height)
     cut = [min(max(value, 0), limit) for value, limit in ((x0, width), (y0, height), (x1, width), (y1, height))]
     view = np.array([width, height, *cut, CULLS[job.cull]], np.int32)
-    fields = np.empty(len(native.CudaTuning._fields), np.int64)
-    library.default_settings(pointer(fields))
-    settings = native.CudaTuning(*fields.tolist())._replace(**job.settings)
+    settings = parameters(library, job.variant)
+    settings |= {name: value for name, value in job.settings.items() if name in settings}
     if job.variant == "persistent":  # its blocks wait for each other, and here one comes after the other
-        settings = settings._replace(blocks=1)
-    fields[:] = settings
+        settings["blocks"] = 1
+    values = np.array([*settings.values()], np.int64)
     positions = np.ascontiguousarray(job.case.positions, np.float32)
     triangles = np.ascontiguousarray(job.case.triangles, np.int32)
-    packed, depth, dropped = np.empty((height, width), np.int64), np.empty((height, width), np.float32), np.empty(1, np.int64)
+    views = len(positions) if positions.ndim == 3 else 1
+    packed, depth = np.empty(job.packed.shape, np.int64), np.empty(job.packed.shape, np.float32)
+    dropped = np.empty(views, np.int64)
     refused = library.draw_on_cpu(
         job.variant.encode(),
+        views,
         pointer(positions),
-        ctypes.c_int64(len(positions)),
+        ctypes.c_int64(positions.shape[-2]),
         pointer(triangles),
         len(triangles),
-        *map(pointer, (view, fields, packed, depth, dropped)),
+        *map(pointer, (view, values, packed, depth, dropped)),
     )
     assert refused == 0, (refused, job.variant, settings)
-    return packed, depth, int(dropped[0])
+    return packed, depth, int(dropped.sum())
 
 
 def differences(library: ctypes.CDLL, jobs: Iterable[Job]) -> list[str]:

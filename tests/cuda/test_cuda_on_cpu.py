@@ -11,11 +11,13 @@ import pytest
 import torch
 from cases import CASES, Case
 from cuda_bits import CONSTRUCTIONS, PATHS
-from cuda_on_cpu import VARIANTS, Job
+from cuda_on_cpu import VARIANTS, VARIANTS_OF, Job
 
 import bigtri
-from bigtri import native
+from bigtri import native, reference
 from bigtri.ops.rasterize import CULLS
+from bigtri.precision import DEFAULT, RUNGS
+from bigtri.reference.numerics import BACKGROUND
 
 pytestmark = [
     pytest.mark.skipif(bool(cuda_on_cpu.available()), reason=cuda_on_cpu.available()),
@@ -105,7 +107,35 @@ def test_launch_settings_change_no_bit(name: str, variant: str) -> None:
 
 
 def test_every_setting_is_tried() -> None:
-    assert set(SETTINGS) == set(native.CudaTuning._fields)
+    library = cuda_on_cpu.kernels()
+    assert set(SETTINGS) == {name for variant in VARIANTS for name in cuda_on_cpu.parameters(library, variant)}
+
+
+@pytest.mark.parametrize(
+    ("rung", "variant"), [(rung, v) for rung, names in VARIANTS_OF.items() if rung != DEFAULT for v in names]
+)
+@pytest.mark.parametrize("name", ["mixed", "small_by_the_screen", "long_slivers", "clipped_fans", "guard_band", "half_subpixels"])
+def test_every_rung(name: str, rung: str, variant: str) -> None:
+    """What the rungs share is the same source, so a few cases are enough; the picture is the NumPy reference's."""
+    case = case_of(name)
+    packed, dropped = reference.rasterize(case.positions, case.triangles, *case.resolution, arithmetic=RUNGS[rung])
+    bits = (packed >> 32).astype(np.uint32)
+    depth = np.where(packed == BACKGROUND, np.float32(np.inf), bits.view(np.float32))
+    jobs = [Job(case, packed, depth, dropped, variant, settings) for settings in ({}, {"queue": 1}, {"threshold": 4000})]
+    said = cuda_on_cpu.differences_in_child(cuda_on_cpu.kernels(rung), jobs)
+    assert not said, said
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_views_of_one_mesh(variant: str) -> None:
+    """Each view is drawn as if it were alone, whatever the one before it has left in the scratch memory."""
+    case = case_of("mixed")
+    views = case.positions * np.array([[[1, 1, 1, 1]], [[-1, 0.5, 1, 1]], [[0.1, 0.1, 1, 1]]], np.float32)
+    for settings in PATHS.values():
+        alone = [job(case._replace(positions=positions), variant, settings) for positions in views]
+        packed, depth = np.stack([view.packed for view in alone]), np.stack([view.depth for view in alone])
+        dropped = sum(view.dropped for view in alone)
+        assert_right([Job(case._replace(positions=views), packed, depth, dropped, variant, settings)])
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -1,31 +1,29 @@
-// What reads a visibility buffer on the GPU: a thread a pixel, a texture coordinate, a point or a number.
+// Interpolation over a visibility buffer on the GPU, a thread a pixel.
 
 #include "attributes.h"
 
 #include <cuda_runtime.h>
 
 #include "../core/attributes.h"
-#include "../core/shading.h"
 #include "launch.cuh"
 #include "setup.cuh"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// ---- Interpolation
 // Two kernels: one for the pixels of triangles that are not clipped, which are most and need little, and then one for the others, which need hundreds of registers. Each gives a warp
 // 32 pixels at a time, a group; of every group the first kernel notes in 32 bits which pixels it has left to the second.
 
+static_assert(kGroup == kWarp, "a lane for each pixel of a group");
 constexpr int kWholeWarps = 8;    // of a block
 constexpr int kClippedWarps = 4;  // of a block
 constexpr int kRun = 8;           // groups that a warp takes one after the other: neighbours share triangles, and one that stays is not clipped again
 
 __device__ __forceinline__ Viewport whole_image(const Interpolation& job) { return {job.width, job.height, 0, 0, job.width, job.height, kCullNone}; }
 
-__host__ __device__ int64_t groups_of(int64_t height, int64_t width) { return (height * width + kWarp - 1) / kWarp; }
-
 __device__ __forceinline__ Frame frame_of(const Interpolation& job, int64_t view) {
-  return {job.positions + view * job.vertices * 4, job.triangles, job.vertices, job.count, whole_image(job)};
+  return {job.positions + view * job.vertices * 4, job.triangles, job.vertices, job.count, 1, whole_image(job)};
 }
 
 // The lane's pixel of a group.
@@ -209,68 +207,13 @@ __global__ void __launch_bounds__(kClippedWarps* kWarp) interpolate_clipped(cons
   }
 }
 
-// ---- Textures and shading
-
-constexpr int kThreads = 256;
-
-__device__ __forceinline__ int64_t thread_in_grid() { return (int64_t)blockIdx.x * kThreads + threadIdx.x; }
-__device__ __forceinline__ int64_t threads_of_grid() { return (int64_t)gridDim.x * kThreads; }
-
-__global__ void __launch_bounds__(kThreads) sample_texels(const float* __restrict__ texture, int height, int width, int64_t channels,
-                                                          const float* __restrict__ uv, int64_t count, Filter filter, Wrap wrap, float* __restrict__ out) {
-  for (int64_t i = thread_in_grid(); i < count; i += threads_of_grid())
-    sample(texture, height, width, channels, uv[2 * i], uv[2 * i + 1], filter, wrap, out + channels * i);
-}
-
-__global__ void __launch_bounds__(kThreads)
-    light_points(const float* __restrict__ normals, const float* __restrict__ albedo, const float* __restrict__ ambient, const float* __restrict__ directions,
-                 const float* __restrict__ colors, int64_t lights, int64_t count, float* __restrict__ out) {
-  for (int64_t i = thread_in_grid(); i < count; i += threads_of_grid())
-    lambert(normals + 3 * i, albedo + 3 * i, ambient, directions, colors, lights, out + 3 * i);
-}
-
-struct Thresholds {
-  float value[255];
-};
-
-constexpr int kEncodedByThread = 8;
-
-__global__ void __launch_bounds__(kThreads)
-    encode_numbers(const float* __restrict__ linear, const __grid_constant__ Thresholds thresholds, int64_t count, uint8_t* __restrict__ out) {
-  // Not from the parameters themselves: constant memory gives the threads of a warp different elements only one after the other.
-  __shared__ float shared[255];
-  for (int k = threadIdx.x; k < 255; k += kThreads) shared[k] = thresholds.value[k];
-  __syncthreads();
-  for (int64_t i = thread_in_grid(); i < count; i += threads_of_grid()) out[i] = encode_srgb(linear[i], shared);
-}
-
-// Blocks for `count` things at `each` a block; more than a grid can have take turns. At least one.
-int64_t grid(int64_t count, int64_t each) { return max_of<int64_t>(1, min_of<int64_t>((count - 1) / each + 1, INT32_MAX)); }
-
 }  // namespace
-
-int64_t interpolation_scratch(int64_t batch, int64_t height, int64_t width) { return batch * groups_of(height, width) * (int64_t)sizeof(uint32_t); }
 
 cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream) {
   const int64_t groups = groups_of(job.height, job.width) * job.batch;
-  BIGTRI_CUDA(launch_first(interpolate_whole, grid(groups, kWholeWarps), kWholeWarps * kWarp, 0, stream, job));
-  return launch_first(interpolate_clipped, grid(groups, kClippedWarps * kRun), kClippedWarps * kWarp, 0, stream, job);
+  BIGTRI_CUDA(launch_first(interpolate_whole, grid_blocks(groups, kWholeWarps), kWholeWarps * kWarp, 0, stream, job));
+  return launch_first(interpolate_clipped, grid_blocks(groups, kClippedWarps * kRun), kClippedWarps * kWarp, 0, stream, job);
 }
 
-cudaError_t sample_cuda(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter, Wrap wrap, float* out,
-                        cudaStream_t stream) {
-  return launch_first(sample_texels, grid(count, kThreads), kThreads, 0, stream, texture, height, width, channels, uv, count, filter, wrap, out);
-}
-
-cudaError_t lambert_cuda(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights,
-                         int64_t count, float* out, cudaStream_t stream) {
-  return launch_first(light_points, grid(count, kThreads), kThreads, 0, stream, normals, albedo, ambient, directions, colors, lights, count, out);
-}
-
-cudaError_t encode_srgb_cuda(const float* linear, const float* thresholds, int64_t count, uint8_t* out, cudaStream_t stream) {
-  Thresholds by_value;
-  for (int k = 0; k < 255; ++k) by_value.value[k] = thresholds[k];
-  return launch_first(encode_numbers, grid(count, kThreads * kEncodedByThread), kThreads, 0, stream, linear, by_value, count, out);
-}
-
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -1,9 +1,7 @@
-// What reads a visibility buffer on the GPU: interpolation, textures, shading; torch-free. Every function only enqueues: nothing waits for the device.
+// Interpolation over a visibility buffer on the GPU; torch-free. What a rung has for it is in rungs.h.
 #pragma once
 
-#include <cuda_runtime_api.h>
-
-#include "../core/texture.h"
+#include "../core/platform.h"
 
 namespace bigtri {
 
@@ -24,19 +22,9 @@ struct Interpolation {
   int height, width;
 };
 
-// Bytes of memory that it works with.
-int64_t interpolation_scratch(int64_t batch, int64_t height, int64_t width);
-cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream);
-
-// texture [height, width, channels]; uv [count, 2]; out [count, channels].
-cudaError_t sample_cuda(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter, Wrap wrap, float* out,
-                        cudaStream_t stream);
-
-// normals, albedo, out [count, 3]; ambient [3]; directions, colors [lights, 3].
-cudaError_t lambert_cuda(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights,
-                         int64_t count, float* out, cudaStream_t stream);
-
-// thresholds [255], ascending, in the memory of the host: they go to the device with the launch.
-cudaError_t encode_srgb_cuda(const float* linear, const float* thresholds, int64_t count, uint8_t* out, cudaStream_t stream);
+constexpr int kGroup = 32;  // pixels that a warp takes together
+BIGTRI_HD int64_t groups_of(int64_t height, int64_t width) { return (height * width + kGroup - 1) / kGroup; }
+// Bytes of memory that it works with: for each group, which of its pixels are of clipped triangles.
+BIGTRI_HD int64_t interpolation_scratch(int64_t batch, int64_t height, int64_t width) { return batch * groups_of(height, width) * (int64_t)sizeof(uint32_t); }
 
 }  // namespace bigtri

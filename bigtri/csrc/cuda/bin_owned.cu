@@ -3,14 +3,31 @@
 //   some  set-up to records and, for each bin, a list of them; blocks draw their patches from the lists; slivers and small triangles last;
 //   many  clear; set-up that draws small triangles at once and puts what is larger into lists; blocks draw these, and slivers.
 
-#include "clear.cuh"
-#include "depth_image.cuh"
+#include "clear.h"
+#include "depth_image.h"
 #include "direct.cuh"
 #include "lists.cuh"
+#include "parameters.h"
+#include "sliver.cuh"
 #include "small.cuh"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
+
+constexpr int64_t kMostKept = 1 << 16;  // triangles that records are kept for, all of them and all parts
+constexpr int64_t kWarpsAllowed[] = {0, 4, 8, kMostWarps, -1};
+#define BIGTRI_LIST(X)                                                                                                                                       \
+  X(few, "triangles", "up to so many, and 16 for each warp of a block, every block sets up all of them by itself", 256, 0, kMostKept)                        \
+  X(some, "triangles", "up to so many, blocks write the pixels that they own, then small triangles follow; above, small triangles come first", 32768, 0,     \
+    kMostKept)                                                                                                                                               \
+  X(warps, "warps", "of a block that owns a patch of 64 px by 4 px a warp; 0: 8 for up to 128 triangles, else 16", 0, 0, kMostWarps, kWarpsAllowed)          \
+  BIGTRI_BLOCKS_PARAMETER(X)                                                                                                                                 \
+  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1, kMostEntries)                                      \
+  BIGTRI_QUEUE_PARAMETER(X)                                                                                                                                  \
+  X(threshold, "px", "of bbox above which a record waits where small triangles come first; slivers always do, small whole triangles never", 0, 0, INT64_MAX) \
+  X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
+BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 // --- few
 
@@ -136,10 +153,40 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __g
 }
 
 template <int kWarps>
-cudaError_t launch_few(const Frame& f, const Tuning& t, cudaStream_t stream) {
+cudaError_t launch_few(const Frame& f, const Values& v, cudaStream_t stream) {
   int blocks;
-  BIGTRI_CUDA(blocks_for(draw_few<kWarps>, kWarps * kWarp, sizeof(FewShared<kWarps>), Patch<kWarps>::count(f.view), t, &blocks));
-  return launch_first(draw_few<kWarps>, blocks, kWarps * kWarp, sizeof(FewShared<kWarps>), stream, f, (int)t.entries);
+  BIGTRI_CUDA(blocks_for(draw_few<kWarps>, kWarps * kWarp, sizeof(FewShared<kWarps>), Patch<kWarps>::count(f.view), v.blocks, &blocks));
+  return launch_first(draw_few<kWarps>, blocks, kWarps * kWarp, sizeof(FewShared<kWarps>), stream, f, (int)v.entries);
+}
+
+// --- lists
+
+// Draws the patches of a grid's blocks from the lists, and where the frame has been drawn before, slivers.
+template <int kWarps, Output kOutput>
+__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_listed(const __grid_constant__ Frame f, const __grid_constant__ Waiting w, int room) {
+  __shared__ SliverShared shared;
+  begin_turn<kWarps>(f, blockIdx.x, kOutput == Output::kWrite ? 1 : 0);
+  if (kOutput == Output::kWrite) {  // while set-up still keeps it waiting: the background into its first patch, which may be all of it
+    Region region = region_of(Patch<kWarps>::at(f.view, blockIdx.x));
+    region.clear();
+    region.store(f);
+  }
+  wait_for_previous();
+  let_next_begin();
+  const uint64_t count = *w.count();
+  if (kOutput == Output::kWrite || count > 0) {
+    if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.wide_count(), kOutput == Output::kMerge);
+    __syncthreads();
+    draw_patches<kWarps, kOutput>(f, ListedCandidates(w, kOutput == Output::kWrite || count > w.wide_below), room);
+  }
+  if (kOutput == Output::kMerge) draw_slivers(f, w.slivers, (int)min_of<uint64_t>(*w.sliver_count(), w.room), w.bands, [](int) { return true; }, &shared);
+}
+
+template <int kWarps, Output kOutput>
+cudaError_t launch_listed(const Frame& f, const Waiting& w, const Values& v, cudaStream_t stream) {
+  int blocks;
+  BIGTRI_CUDA(blocks_for(draw_listed<kWarps, kOutput>, kWarps * kWarp, sizeof(PatchShared<kWarps>), Patch<kWarps>::count(f.view), v.blocks, &blocks));
+  return launch_next(draw_listed<kWarps, kOutput>, blocks, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, f, w, (int)v.entries);
 }
 
 // --- some
@@ -153,9 +200,9 @@ struct Some {
   Later* later;  // of each triangle
 };
 
-Some take_some(Scratch* scratch, const Frame& f, const Tuning& t) {
+Some take_some(Scratch* scratch, const Frame& f, const Values& v) {
   Some s;
-  s.waiting = take_waiting(scratch, f, t, f.count + min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
+  s.waiting = take_waiting(scratch, f, v.queue, f.count + min_of<int64_t>(v.queue, (int64_t)f.count * kMaxSubTriangles));
   s.later = scratch->take<Later>(f.count);
   return s;
 }
@@ -240,10 +287,10 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks) draw_later(const 
 }
 
 template <int kWarps>
-cudaError_t launch_some(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
+cudaError_t launch_some(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
-  Some s = take_some(&scratch, f, t);
-  BIGTRI_CUDA(sliver_bands(f, t, &s.waiting.bands));
+  Some s = take_some(&scratch, f, v);
+  BIGTRI_CUDA(sliver_bands(f, v.cache, &s.waiting.bands));
   int share;
   int64_t blocks;
   const Zeros zeros = s.waiting.zeros();
@@ -252,12 +299,12 @@ cudaError_t launch_some(const Frame& f, const Tuning& t, void* memory, cudaStrea
   BIGTRI_CUDA(launch_next(set_up_records, blocks, kShareThreads, 0, stream, f, s, share));
   Frame undrawn = f;
   undrawn.depth = nullptr;  // slivers and small triangles are still to come
-  BIGTRI_CUDA((launch_listed<kWarps, Output::kWrite>(undrawn, s.waiting, t, stream)));
+  BIGTRI_CUDA((launch_listed<kWarps, Output::kWrite>(undrawn, s.waiting, v, stream)));
   BIGTRI_CUDA(share_triangles(draw_later, kShareThreads, f.count, &share, &blocks));
   int for_slivers;
-  BIGTRI_CUDA(blocks_for(draw_later, kShareThreads, 0, (int64_t)f.count * sliver_chunks(f.view), t, &for_slivers));
+  BIGTRI_CUDA(blocks_for(draw_later, kShareThreads, 0, (int64_t)f.count * sliver_chunks(f.view), v.blocks, &for_slivers));
   BIGTRI_CUDA(launch_next(draw_later, max_of<int64_t>(blocks, for_slivers), kShareThreads, 0, stream, f, s, share));
-  return launch_depth(f, t, stream);
+  return launch_depth(f, v.blocks, stream);
 }
 
 // --- many
@@ -267,9 +314,9 @@ struct Many {
   Vertex* projected;  // all vertices, or null
 };
 
-Many take_many(Scratch* scratch, const Frame& f, const Tuning& t) {
+Many take_many(Scratch* scratch, const Frame& f, const Values& v) {
   Many m;
-  m.waiting = take_waiting(scratch, f, t, min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
+  m.waiting = take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, (int64_t)f.count * kMaxSubTriangles));
   m.waiting.slivers = scratch->take<Record>(m.waiting.room);
   m.waiting.wide_below = 64;  // few large triangles among many small ones: their records are at hand sooner than lists would be
   m.projected = take_projected(scratch, f);
@@ -304,55 +351,64 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
 }
 
 template <int kWarps>
-cudaError_t launch_many(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
+cudaError_t launch_many(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
-  Many m = take_many(&scratch, f, t);
-  BIGTRI_CUDA(sliver_bands(f, t, &m.waiting.bands));
+  Many m = take_many(&scratch, f, v);
+  BIGTRI_CUDA(sliver_bands(f, v.cache, &m.waiting.bands));
   BIGTRI_CUDA(launch_clear(f, m.projected, m.waiting.zeros(), stream));
   int share;
   int64_t blocks;
   BIGTRI_CUDA(share_triangles(draw_many, kShareThreads, f.count, &share, &blocks));
-  BIGTRI_CUDA(launch_next(draw_many, blocks, kShareThreads, 0, stream, f, m, t.threshold, share));
-  BIGTRI_CUDA((launch_listed<kWarps, Output::kMerge>(f, m.waiting, t, stream)));
-  return launch_depth(f, t, stream);
+  BIGTRI_CUDA(launch_next(draw_many, blocks, kShareThreads, 0, stream, f, m, v.threshold, share));
+  BIGTRI_CUDA((launch_listed<kWarps, Output::kMerge>(f, m.waiting, v, stream)));
+  return launch_depth(f, v.blocks, stream);
 }
 
 enum class Path { kFew, kSome, kMany };
 
-int warps_of(const Frame& f, const Tuning& t) { return t.warps > 0 ? (int)t.warps : f.count <= 128 ? 8 : 16; }
+int warps_of(const Frame& f, const Values& v) { return v.warps > 0 ? (int)v.warps : f.count <= 128 ? 8 : 16; }
 
-Path path_of(const Frame& f, const Tuning& t) {
-  if (f.count <= min_of<int64_t>(t.few, most_few(warps_of(f, t)))) return Path::kFew;
-  return f.count <= t.some ? Path::kSome : Path::kMany;
+Path path_of(const Frame& f, const Values& v) {
+  if (f.count <= min_of<int64_t>(v.few, most_few(warps_of(f, v)))) return Path::kFew;
+  return f.count <= v.some ? Path::kSome : Path::kMany;
 }
 
 template <int kWarps>
-cudaError_t launch(const Frame& f, const Tuning& t, void* scratch, cudaStream_t stream) {
-  switch (path_of(f, t)) {
-    case Path::kFew: return launch_few<kWarps>(f, t, stream);
-    case Path::kSome: return launch_some<kWarps>(f, t, scratch, stream);
-    default: return launch_many<kWarps>(f, t, scratch, stream);
+cudaError_t launch(const Frame& f, const Values& v, void* scratch, cudaStream_t stream) {
+  switch (path_of(f, v)) {
+    case Path::kFew: return launch_few<kWarps>(f, v, stream);
+    case Path::kSome: return launch_some<kWarps>(f, v, scratch, stream);
+    default: return launch_many<kWarps>(f, v, scratch, stream);
   }
 }
 
-}  // namespace
-
-int64_t bin_owned_scratch(const Frame& f, const Tuning& t) {
+int64_t scratch_bytes(const Frame& f, const int64_t* values) {
+  const Values v = Values::of(values);
   Scratch scratch = {nullptr};
-  switch (path_of(f, t)) {
+  switch (path_of(f, v)) {
     case Path::kFew: break;
-    case Path::kSome: take_some(&scratch, f, t); break;
-    default: take_many(&scratch, f, t);
+    case Path::kSome: take_some(&scratch, f, v); break;
+    default: take_many(&scratch, f, v);
   }
   return scratch.used;
 }
 
-cudaError_t draw_bin_owned(const Frame& f, const Tuning& t, void* scratch, cudaStream_t stream) {
-  switch (warps_of(f, t)) {
-    case 4: return launch<4>(f, t, scratch, stream);
-    case 16: return launch<16>(f, t, scratch, stream);
-    default: return launch<8>(f, t, scratch, stream);
-  }
+cudaError_t draw(const Frame& frame, const int64_t* values, void* scratch, cudaStream_t stream) {
+  const Values v = Values::of(values);
+  return each_view(frame, [&](const Frame& f) {
+    switch (warps_of(f, v)) {
+      case 4: return launch<4>(f, v, scratch, stream);
+      case kMostWarps: return launch<kMostWarps>(f, v, scratch, stream);
+      default: return launch<8>(f, v, scratch, stream);
+    }
+  });
 }
 
+}  // namespace
+
+extern const CudaVariant bin_owned_variant;
+const CudaVariant bin_owned_variant = {"bin_owned", "blocks own pixels and write each once, hidden surfaces rejected; docs/cuda.md", kParameters, scratch_bytes,
+                                       draw};
+
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

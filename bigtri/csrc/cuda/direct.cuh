@@ -6,6 +6,7 @@
 #include "fragment.cuh"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 struct TileMasks {
@@ -78,4 +79,5 @@ __device__ __noinline__ void draw_now(const Frame& f, const Record& record, bool
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -4,6 +4,7 @@
 #include "setup.cuh"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // One lane's, for all.
@@ -127,4 +128,5 @@ __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, boo
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

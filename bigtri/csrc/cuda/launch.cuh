@@ -3,7 +3,7 @@
 
 #include <cuda_runtime.h>
 
-#include "frame.h"
+#include "variant.h"
 
 namespace bigtri {
 
@@ -13,6 +13,32 @@ cudaError_t overlaps_launches(const void* kernel, bool* yes);
 // As many blocks of the kernel as the current device holds at once; asked for once per kernel and device.
 cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_bytes, int* blocks);
 
+// Hands out parts of scratch memory, or with no memory only counts.
+struct Scratch {
+  char* memory;
+  int64_t used = 0;
+
+  template <class T>
+  T* take(int64_t count) {
+    T* part = reinterpret_cast<T*>(memory + used);
+    used += (count * (int64_t)sizeof(T) + 255) / 256 * 256;
+    return part;
+  }
+};
+
+// Numbers that a frame's first kernel sets to zero.
+struct Zeros {
+  uint32_t* first;
+  int count;
+
+  static Zeros of(uint64_t* first, int count) { return {reinterpret_cast<uint32_t*>(first), 2 * count}; }
+
+  // By thread i of n.
+  __device__ __forceinline__ void set(int i, int n) const {
+    for (; i < count; i += n) first[i] = 0;
+  }
+};
+
 namespace {
 
 #define BIGTRI_CUDA(CALL)                     \
@@ -21,14 +47,17 @@ namespace {
     if (error_ != cudaSuccess) return error_; \
   } while (0)
 
-// Blocks for work that is taken in turns: no more than there is work, or than Tuning::blocks says.
+// Blocks for work that is taken in turns: no more than there is work, and as many as the device holds at once, or `wanted` where that is not 0.
 template <class Kernel>
-cudaError_t blocks_for(Kernel kernel, int threads, int64_t shared_bytes, int64_t work, const Tuning& t, int* blocks) {
+cudaError_t blocks_for(Kernel kernel, int threads, int64_t shared_bytes, int64_t work, int64_t wanted, int* blocks) {
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), threads, shared_bytes, blocks));
-  if (t.blocks > 0) *blocks = (int)t.blocks;
+  if (wanted > 0) *blocks = (int)wanted;
   if (work < *blocks) *blocks = (int)(work < 1 ? 1 : work);
   return cudaSuccess;
 }
+
+// Blocks of a grid for `count` things at `each` a block; more than a grid can have take turns. At least one.
+inline int64_t grid_blocks(int64_t count, int64_t each) { return max_of<int64_t>(1, min_of<int64_t>((count - 1) / each + 1, INT32_MAX)); }
 
 // A kernel of a frame begins while the one in front of it still ends: it may not touch what that one writes before wait_for_previous(), which every kernel but a frame's first calls, so that
 // none can overtake the one before last either. What the one before last has written it may read at once if the one in front lets it begin only after having waited itself: then that was
@@ -84,36 +113,17 @@ cudaError_t launch_together(Kernel kernel, int64_t blocks, int threads, int64_t 
   return launch_with(&attribute, kernel, blocks, threads, shared_bytes, stream, arguments...);
 }
 
-// Numbers that a frame's first kernel sets to zero.
-struct Zeros {
-  uint32_t* first;
-  int count;
-
-  static Zeros of(uint64_t* first, int count) { return {reinterpret_cast<uint32_t*>(first), 2 * count}; }
-
-  // By thread i of n.
-  __device__ __forceinline__ void set(int i, int n) const {
-    for (; i < count; i += n) first[i] = 0;
-  }
-};
+// Draws one view of a frame after the other; on one stream, so that one scratch memory serves them all.
+template <class Draw>
+cudaError_t each_view(const Frame& f, const Draw& draw) {
+  for (int32_t v = 0; v < f.views; ++v) BIGTRI_CUDA(draw(view_of(f, v)));
+  return cudaSuccess;
+}
 
 // The first of the next n places, or `room` where there are none left. The count goes on all the same, in 64 bits, so that no number of triangles makes it wrap.
 __device__ __forceinline__ uint32_t claim(uint64_t* count, uint32_t room, uint32_t n) {
   return (uint32_t)min_of<uint64_t>(atomicAdd(reinterpret_cast<unsigned long long*>(count), (unsigned long long)n), room);
 }
-
-// Hands out parts of scratch memory, or with no memory only counts.
-struct Scratch {
-  char* memory;
-  int64_t used = 0;
-
-  template <class T>
-  T* take(int64_t count) {
-    T* part = reinterpret_cast<T*>(memory + used);
-    used += (count * (int64_t)sizeof(T) + 255) / 256 * 256;
-    return part;
-  }
-};
 
 }  // namespace
 }  // namespace bigtri

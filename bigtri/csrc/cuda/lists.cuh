@@ -4,9 +4,9 @@
 
 #include "launch.cuh"
 #include "patch.cuh"
-#include "sliver.cuh"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int kListBytes = 32 << 20;  // of all lists together
@@ -32,13 +32,13 @@ struct Waiting {
   Zeros zeros() const { return {sizes - kCounts, bins + kCounts}; }
 };
 
-Waiting take_waiting(Scratch* scratch, const Frame& f, const Tuning& t, int64_t room) {
+Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t room) {
   Waiting w;
   w.columns = bin_columns(f.view);
   w.bins = w.columns * bin_rows(f.view);
   w.room = (uint32_t)room;
-  // In proportion to the queue, so that a setting of it changes both; by default 1024, and fewer where images are so large that all lists together would take too much.
-  w.listed = (int)max_of<int64_t>(1, min_of<int64_t>(t.queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / w.bins));
+  // In proportion to the queue, so that it changes both; by default 1024, and fewer where images are so large that all lists together would take too much.
+  w.listed = (int)max_of<int64_t>(1, min_of<int64_t>(queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / w.bins));
   w.wide_above = max_of(64, w.bins / 64);  // an atomic for each bin, against a look for each bin of the image
   w.records = scratch->take<Record>(room);
   w.slivers = nullptr;
@@ -109,33 +109,6 @@ struct ListedCandidates {
   __device__ __forceinline__ int listed_slot(int bin_x, int bin_y, int i) const { return (int)waiting.slots[(int64_t)bin(bin_x, bin_y) * waiting.listed + i]; }
 };
 
-// Draws the patches of a grid's blocks from the lists, and where the frame has been drawn before, slivers.
-template <int kWarps, Output kOutput>
-__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_listed(const __grid_constant__ Frame f, const __grid_constant__ Waiting w, int room) {
-  __shared__ SliverShared shared;
-  begin_turn<kWarps>(f, blockIdx.x, kOutput == Output::kWrite ? 1 : 0);
-  if (kOutput == Output::kWrite) {  // while set-up still keeps it waiting: the background into its first patch, which may be all of it
-    Region region = region_of(Patch<kWarps>::at(f.view, blockIdx.x));
-    region.clear();
-    region.store(f);
-  }
-  wait_for_previous();
-  let_next_begin();
-  const uint64_t count = *w.count();
-  if (kOutput == Output::kWrite || count > 0) {
-    if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.wide_count(), kOutput == Output::kMerge);
-    __syncthreads();
-    draw_patches<kWarps, kOutput>(f, ListedCandidates(w, kOutput == Output::kWrite || count > w.wide_below), room);
-  }
-  if (kOutput == Output::kMerge) draw_slivers(f, w.slivers, (int)min_of<uint64_t>(*w.sliver_count(), w.room), w.bands, [](int) { return true; }, &shared);
-}
-
-template <int kWarps, Output kOutput>
-cudaError_t launch_listed(const Frame& f, const Waiting& w, const Tuning& t, cudaStream_t stream) {
-  int blocks;
-  BIGTRI_CUDA(blocks_for(draw_listed<kWarps, kOutput>, kWarps * kWarp, sizeof(PatchShared<kWarps>), Patch<kWarps>::count(f.view), t, &blocks));
-  return launch_next(draw_listed<kWarps, kOutput>, blocks, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, f, w, (int)t.entries);
-}
-
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -6,6 +6,7 @@
 #include "region.cuh"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // The bins that a record or primitive touches, first and last column and row, a byte each: what a block looks at before the record itself.
@@ -27,6 +28,12 @@ struct Candidates {
   __device__ __forceinline__ int slot(int i) const { return i; }
   __device__ __forceinline__ uint32_t box(int i) const { return boxes[i]; }
 };
+
+// Blocks that own pixels draw so many records together for each of their warps. With 19 records a warp where a block sets up all triangles itself (FewShared in bin_owned.cu), that is as
+// many as fit 64 KiB of shared memory, which a block can have on all devices.
+constexpr int kEntriesOfWarp = 22;
+constexpr int kMostWarps = 16;  // of such a block
+constexpr int kMostEntries = kEntriesOfWarp * kMostWarps;
 
 constexpr int kTurn = 8;  // patches that a block takes at a time
 
@@ -344,4 +351,5 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

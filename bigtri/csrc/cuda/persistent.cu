@@ -2,11 +2,17 @@
 // queue into a copy of the bin in shared memory, a warp owning a row of its tiles, and write each pixel once. Between the two all blocks wait for each other.
 // More triangles than there is room for records take several passes, each going on from the frame that the last one left.
 
-#include "depth_image.cuh"
+#include "depth_image.h"
 #include "direct.cuh"
+#include "launch.cuh"
+#include "parameters.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
+
+#define BIGTRI_LIST(X) BIGTRI_BLOCKS_PARAMETER(X) BIGTRI_QUEUE_PARAMETER(X)
+BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 constexpr int kThreads = 256, kWarps = kThreads / kWarp;
 constexpr int kPassTriangles = 1 << 18, kPassParts = 1 << 16;  // records of a pass: of whole triangles, and of the parts of clipped ones
@@ -32,14 +38,14 @@ struct Job {
   int bins_x, bins_y;
 };
 
-Job take_job(Scratch* scratch, const Frame& f, const Tuning& t) {
+Job take_job(Scratch* scratch, const Frame& f, const Values& v) {
   Job j;
   j.bins_x = bin_columns(f.view);
   j.bins_y = bin_rows(f.view);
   j.pass = min_of(f.count, kPassTriangles);
-  j.parts = (int)min_of<int64_t>(kPassParts, min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles));
+  j.parts = (int)min_of<int64_t>(kPassParts, min_of<int64_t>(v.queue, (int64_t)f.count * kMaxSubTriangles));
   const int64_t bins = (int64_t)j.bins_x * j.bins_y, records = (int64_t)j.pass + j.parts;
-  j.room = (int)min_of<int64_t>(min_of<int64_t>(t.queue, records), max_of<int64_t>(kQueueBytes / 4 / bins, 16));
+  j.room = (int)min_of<int64_t>(min_of<int64_t>(v.queue, records), max_of<int64_t>(kQueueBytes / 4 / bins, 16));
   j.counters = scratch->take<Counters>(1);  // these two are cleared together
   j.bin_count = scratch->take<uint32_t>(bins);
   j.records = scratch->take<Record>(records);
@@ -256,24 +262,34 @@ __global__ void __launch_bounds__(kThreads) stay_and_draw(const __grid_constant_
   if (blockIdx.x == 0 && threadIdx.x == 0) *f.dropped = (int64_t)__ldcg(&c->dropped);
 }
 
-}  // namespace
-
-int64_t persistent_scratch(const Frame& f, const Tuning& t) {
-  Scratch scratch = {nullptr};
-  take_job(&scratch, f, t);
-  return scratch.used;
-}
-
-cudaError_t draw_persistent(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
+cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
-  const Job job = take_job(&scratch, f, t);
+  const Job job = take_job(&scratch, f, v);
   const char* end = reinterpret_cast<const char*>(job.bin_count + (int64_t)job.bins_x * job.bins_y);
   BIGTRI_CUDA(cudaMemsetAsync(job.counters, 0, (size_t)(end - reinterpret_cast<const char*>(job.counters)), stream));
   int blocks;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(stay_and_draw), kThreads, sizeof(Shared), &blocks));
-  if (t.blocks > 0) blocks = min_of(blocks, (int)t.blocks);  // all of them have to be resident
+  if (v.blocks > 0) blocks = min_of(blocks, (int)v.blocks);  // all of them have to be resident
   BIGTRI_CUDA(launch_together(stay_and_draw, blocks, kThreads, sizeof(Shared), stream, f, job));
-  return launch_depth(f, t, stream);
+  return launch_depth(f, v.blocks, stream);
 }
 
+int64_t scratch_bytes(const Frame& f, const int64_t* values) {
+  Scratch scratch = {nullptr};
+  take_job(&scratch, f, Values::of(values));
+  return scratch.used;
+}
+
+cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
+  const Values v = Values::of(values);
+  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, memory, stream); });
+}
+
+}  // namespace
+
+extern const CudaVariant persistent_variant;
+const CudaVariant persistent_variant = {"persistent", "one kernel that stays, a queue for each bin, a bin in shared memory: another project's; docs/cuda.md",
+                                        kParameters, scratch_bytes, draw};
+
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -5,6 +5,7 @@
 #include "fragment.cuh"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int kRegion = 16;  // px
@@ -181,4 +182,5 @@ struct Region {
 };
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -1,10 +1,12 @@
 // Triangles to records on the GPU: a thread a triangle, a warp for one that has to be clipped.
 #pragma once
 
+#include <cuda_runtime.h>
+
 #include "../core/record.h"
-#include "frame.h"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr unsigned kAllLanes = 0xffffffffu;
@@ -157,4 +159,5 @@ __device__ __noinline__ bool clip_part(const Frame& f, int32_t t, ClipScratch* s
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

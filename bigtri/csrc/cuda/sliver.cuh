@@ -6,6 +6,7 @@
 #include "launch.cuh"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int kSliverLines = 64;  // px; shorter ones are not worth the trouble
@@ -53,9 +54,8 @@ struct Lines {
 
 // In how many bands of rows slivers are drawn, all in one before any in the next: two where half of the image stays in the cache, but not all of it. The lower one comes first, for it is
 // what has been written last.
-// Four fifths of the cache count as the image's: records pass through it too.
-inline cudaError_t sliver_bands(const Frame& f, const Tuning& t, int* bands) {
-  int64_t cache = t.cache;
+// Four fifths of the cache count as the image's: records pass through it too. cache: its bytes; 0: what the device says.
+inline cudaError_t sliver_bands(const Frame& f, int64_t cache, int* bands) {
   if (cache == 0) {
     int device, bytes;
     BIGTRI_CUDA(cudaGetDevice(&device));
@@ -283,4 +283,5 @@ __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* recor
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

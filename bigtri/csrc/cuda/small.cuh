@@ -6,10 +6,11 @@
 #include "launch.cuh"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int kSmallSide = 16;  // px, of the bbox
-constexpr int kSmallExtent = 1 << 13;  // subpx, of the triangle itself, of which the screen may have left only a corner
+constexpr int kSmallExtent = 32 * kSubpixel;  // of the triangle itself, of which the screen may have left only a corner
 constexpr int kBoxSide = 8;    // px; of what a lane finds pixels in at a time
 
 // Shared memory of a warp. What a lane's triangle is, and the covered pixels of all of them: lane << 6 | y << 3 | x from the corner of the lane's box.
@@ -223,4 +224,5 @@ __device__ __forceinline__ void set_up_share(const Frame& f, const Vertex* proje
 }
 
 }  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

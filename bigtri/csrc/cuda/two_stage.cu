@@ -1,13 +1,21 @@
 // The two-stage variant: set-up puts the pairs of (large record, bin) into one global queue; then warps take them, first come, first served, make the 64-bit masks of the bin's tiles, and
 // draw the tiles with an atomic minimum a fragment, the pixel read first. Small triangles are drawn at set-up.
 
-#include "clear.cuh"
-#include "depth_image.cuh"
+#include "clear.h"
+#include "depth_image.h"
 #include "direct.cuh"
+#include "parameters.h"
 #include "small.cuh"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
+
+#define BIGTRI_LIST(X)       \
+  BIGTRI_BLOCKS_PARAMETER(X) \
+  BIGTRI_QUEUE_PARAMETER(X)  \
+  X(threshold, "px", "of bbox above which a record waits; small whole triangles never do", 0, 0, INT64_MAX)
+BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 enum Counter { kRecordCount, kPairCount, kNextPair, kCounters };
 
@@ -24,11 +32,11 @@ struct Queue {
   Vertex* projected;
 };
 
-Queue take_queue(Scratch* scratch, const Frame& f, const Tuning& t) {
+Queue take_queue(Scratch* scratch, const Frame& f, const Values& v) {
   Queue q;
-  q.record_room = (uint32_t)min_of<int64_t>(t.queue, (int64_t)f.count * kMaxSubTriangles);
+  q.record_room = (uint32_t)min_of<int64_t>(v.queue, (int64_t)f.count * kMaxSubTriangles);
   // Sixteen bins for each record that may wait; a queue that is as small as tests make it is small for pairs too, so that they see it full.
-  q.pair_room = (uint32_t)(t.queue < 16 ? t.queue : 16 * t.queue);
+  q.pair_room = (uint32_t)(v.queue < 16 ? v.queue : 16 * v.queue);
   q.records = scratch->take<Record>(q.record_room);
   q.pairs = scratch->take<Pair>(q.pair_room);
   q.counters = scratch->take<uint64_t>(kCounters);
@@ -105,27 +113,38 @@ __global__ void __launch_bounds__(kThreads) draw_pairs(const __grid_constant__ F
   }
 }
 
-}  // namespace
-
-int64_t two_stage_scratch(const Frame& f, const Tuning& t) {
-  Scratch scratch = {nullptr};
-  take_queue(&scratch, f, t);
-  return scratch.used;
-}
-
-cudaError_t draw_two_stage(const Frame& f, const Tuning& t, void* memory, cudaStream_t stream) {
+cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
-  const Queue q = take_queue(&scratch, f, t);
+  const Queue q = take_queue(&scratch, f, v);
   BIGTRI_CUDA(launch_clear(f, q.projected, Zeros::of(q.counters, kCounters), stream));
   if (f.count > 0) {
     int share, blocks;
     int64_t set_up_blocks;
     BIGTRI_CUDA(share_triangles(set_up_and_enqueue, kShareThreads, f.count, &share, &set_up_blocks));
-    BIGTRI_CUDA(launch_next(set_up_and_enqueue, set_up_blocks, kShareThreads, 0, stream, f, q, t.threshold, share));
-    BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, t, &blocks));
+    BIGTRI_CUDA(launch_next(set_up_and_enqueue, set_up_blocks, kShareThreads, 0, stream, f, q, v.threshold, share));
+    BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, v.blocks, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
   }
-  return launch_depth(f, t, stream);
+  return launch_depth(f, v.blocks, stream);
 }
 
+int64_t scratch_bytes(const Frame& f, const int64_t* values) {
+  Scratch scratch = {nullptr};
+  take_queue(&scratch, f, Values::of(values));
+  return scratch.used;
+}
+
+cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
+  const Values v = Values::of(values);
+  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, memory, stream); });
+}
+
+}  // namespace
+
+extern const CudaVariant two_stage_variant;
+const CudaVariant two_stage_variant = {"two_stage",
+                                       "two stages with one global queue of (record, bin) pairs between them, atomics: another project's; docs/cuda.md",
+                                       kParameters, scratch_bytes, draw};
+
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -4,8 +4,8 @@
 #include <torch/csrc/inductor/aoti_torch/c/shim.h>
 #include <torch/csrc/stable/accelerator.h>
 
-#include "../cuda/frame.h"
-#include "checks.h"
+#include "../cuda/rungs.h"
+#include "registry.h"
 
 namespace bigtri {
 

@@ -1,10 +1,11 @@
-// What comes before the triangles where they are drawn with atomics: the background, zeros, and the vertices projected.
-#pragma once
+// The background, zeros and projected vertices, before the triangles.
 
-#include "launch.cuh"
+#include "clear.h"
+
 #include "setup.cuh"
 
 namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // Background everywhere, zeros, and the vertices projected where there is room for them: by blocks of their own, spread evenly among the others, since one is bound by memory and the other
@@ -35,18 +36,18 @@ __global__ void __launch_bounds__(kClearThreads, 4) clear_frame(const __grid_con
   if (block == 0 && thread == 0) *f.dropped = 0;
 }
 
-// Room for the projected vertices, or null: projecting each once pays where triangles share them, not where most are left out.
+}  // namespace
+
 Vertex* take_projected(Scratch* scratch, const Frame& f) {
   if (f.vertices > 2 * (int64_t)f.count) return nullptr;
   return scratch->take<Vertex>(f.vertices);
 }
 
-// A frame's first kernel.
 cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, cudaStream_t stream) {
   const int64_t clearing = ((int64_t)f.view.width * f.view.height + kClearPixels - 1) / kClearPixels;
   const int64_t projecting = projected ? (f.vertices + kProjectVertices - 1) / kProjectVertices : 0;
   return launch_first(clear_frame, projecting + clearing, kClearThreads, 0, stream, f, projected, (int)projecting, zeros);
 }
 
-}  // namespace
+}  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -1,7 +1,8 @@
-// What comes after the triangles where the depth image is not written together with the pixels.
-#pragma once
+// The depth image of a frame.
 
-#include "../core/depth.h"
+#include "depth_image.h"
+
+#include "../core/visibility.h"
 #include "launch.cuh"
 
 namespace bigtri {
@@ -14,13 +15,13 @@ __global__ void write_depth(const __grid_constant__ Frame f) {
   for (int64_t i = (int64_t)blockIdx.x * blockDim.x + threadIdx.x; i < n; i += stride) f.depth[i] = depth_of(f.packed[i]);
 }
 
-// A frame's last kernel, where a depth image is wanted.
-cudaError_t launch_depth(const Frame& f, const Tuning& t, cudaStream_t stream) {
+}  // namespace
+
+cudaError_t launch_depth(const Frame& f, int64_t blocks_wanted, cudaStream_t stream) {
   if (!f.depth) return cudaSuccess;
   int blocks;
-  BIGTRI_CUDA(blocks_for(write_depth, 256, 0, ((int64_t)f.view.width * f.view.height + 255) / 256, t, &blocks));
+  BIGTRI_CUDA(blocks_for(write_depth, 256, 0, ((int64_t)f.view.width * f.view.height + 255) / 256, blocks_wanted, &blocks));
   return launch_next(write_depth, blocks, 256, 0, stream, f);
 }
 
-}  // namespace
 }  // namespace bigtri

@@ -1,0 +1,17 @@
+// What comes before the triangles where they are drawn with atomics: the background, zeros, and the vertices projected.
+#pragma once
+
+#include "../core/setup.h"
+#include "launch.cuh"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+
+// Room for the projected vertices, or null: projecting each once pays where triangles share them, not where most are left out.
+Vertex* take_projected(Scratch* scratch, const Frame& f);
+
+// A frame's first kernel. projected: where the vertices go, or null.
+cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, cudaStream_t stream);
+
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri

@@ -1,0 +1,24 @@
+// The rungs; what each of them has is compiled once per rung, in a namespace of its name.
+
+#include "rungs.h"
+
+#include "../core/precision.h"
+
+namespace bigtri {
+
+#define BIGTRI_OF_RUNG(RUNG)                                                   \
+  namespace RUNG {                                                             \
+  extern const CudaVariant* const kCudaVariants[];                             \
+  cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream); \
+  }
+BIGTRI_RUNGS(BIGTRI_OF_RUNG)
+#undef BIGTRI_OF_RUNG
+
+const CudaRung kCudaRungs[] = {
+#define BIGTRI_LISTED(RUNG) {#RUNG, RUNG::kCudaVariants, RUNG::interpolate_cuda},
+    BIGTRI_RUNGS(BIGTRI_LISTED)
+#undef BIGTRI_LISTED
+        {nullptr, nullptr, nullptr},
+};
+
+}  // namespace bigtri
