@@ -84,7 +84,7 @@ BIGTRI_INLINE uint32_t sign_mask(const Lanes<int32_t, N>& v) {
   for (int i = 0; i < v.kParts; ++i) {
     uint32_t some = 0;
 #if BIGTRI_SIMD >= 512
-    if constexpr (v.kWidth == 16)
+    if constexpr (Lanes<int32_t, N>::kWidth == 16)
       some = _mm512_movepi32_mask((__m512i)v.part[i]);
     else
       some = (uint32_t)_mm256_movemask_ps((__m256)v.part[i]);
