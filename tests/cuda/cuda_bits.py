@@ -142,4 +142,5 @@ def operator_arguments(variant: str, name: str = "screen_size") -> tuple:
     positions, triangles, (height, width) = uploaded(Scene(name))
     outputs = [torch.zeros(shape, dtype=dtype, device=DEVICE) for shape, dtype in (((1, height, width), torch.int64),)]
     outputs += [torch.zeros((1, height, width), device=DEVICE), torch.zeros(1, dtype=torch.int64, device=DEVICE)]
-    return (positions[None], triangles, height, width, "none", [0, 0, width, height], variant, *outputs)
+    view = height, width, "none", [0, 0, width, height]
+    return (positions[None], triangles, *view, variant, "exact", 1, [], None, None, *outputs, None)

@@ -15,6 +15,7 @@ from cuda_bits import (
     PATHS,
     VARIANTS,
     Scene,
+    as_bits,
     assert_same,
     case_of,
     cpu_picture,
@@ -29,6 +30,7 @@ from cuda_bits import (
 import bigtri
 from bigtri import native
 from bigtri.ops.rasterize import CULLS, Visibility
+from bigtri.precision import PRECISIONS
 
 pytestmark = needs_cuda
 
@@ -247,7 +249,8 @@ def test_triangles_without_vertices_are_all_dropped(variant, path):
 
 # --- Launch settings ---------------------------------------------------------------------------------------------------------
 
-# Values of every field of CudaTuning; None is the default. Each by itself, then random combinations, others for every scene.
+# Values of every parameter that some variant has; None is the standard one. Each by itself, then random combinations, others
+# for every scene.
 SETTINGS: dict[str, tuple[int | None, ...]] = {
     "few": (None, 0, 1, 64, 65536),
     "some": (None, 0, 65536),
@@ -270,7 +273,7 @@ def combinations(name: str) -> list[dict[str, int]]:
 
 
 def test_every_setting_is_tried():
-    assert set(SETTINGS) == set(native.CudaTuning._fields)
+    assert set(SETTINGS) == {name for v in native.REGISTRY["cuda"]["exact"].values() for name in v.parameters}
 
 
 @pytest.mark.parametrize(
@@ -289,12 +292,7 @@ def test_launch_settings_change_no_bit(name, variant):
         assert_same(wanted, got, changes)
 
 
-def test_settings_are_restored():
-    before = native.CudaTuning(*torch.ops.bigtri.cuda_tuning())
-    with pytest.raises(KeyError), native.using_parameters(warps=4, queue=3) as inside:
-        assert inside == before._replace(warps=4, queue=3) == native.CudaTuning(*torch.ops.bigtri.cuda_tuning())
-        raise KeyError
-    assert native.CudaTuning(*torch.ops.bigtri.cuda_tuning()) == before
+def test_settings_are_checked():
     for wrong in (
         {"warps": 5},
         {"entries": 0},
@@ -306,11 +304,25 @@ def test_settings_are_restored():
         {"cache": -1},
         {"some": 2**17},
     ):
-        with pytest.raises(RuntimeError, match="set_cuda_tuning"), native.using_parameters(**wrong):
+        (name,) = wrong
+        with pytest.raises(ValueError, match=f"using_parameters: {name} must be "), native.using_parameters(**wrong):
             pass
-    with pytest.raises(TypeError, match="got speed"), native.using_parameters(speed=1):
-        pass
-    assert native.CudaTuning(*torch.ops.bigtri.cuda_tuning()) == before
+        with pytest.raises(ValueError, match=f"parameter {name} of variant 'bin_owned' must be "):
+            draw(Scene("mixed"), variant="bin_owned", parameters=wrong)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS[1:])
+@pytest.mark.parametrize("name", CASES)
+def test_every_rung_has_the_cpu_s_bits(name, precision):
+    positions, triangles, resolution = uploaded(Scene(name))
+    wanted = bigtri.rasterize(positions.cpu(), triangles.cpu(), resolution, precision=precision)
+    colors = torch.rand(len(positions), 3)
+    for variant in native.REGISTRY["cuda"][precision]:
+        got = bigtri.rasterize(positions, triangles, resolution, precision=precision, variant=variant)
+        assert_same(wanted, got, variant)
+    values = bigtri.interpolate(colors.to(DEVICE), got, positions, triangles, precision=precision).cpu()
+    right = bigtri.interpolate(colors, wanted, positions.cpu(), triangles.cpu(), precision=precision)
+    assert torch.equal(as_bits(values), as_bits(right))
 
 
 # --- Again and again -----------------------------------------------------------------------------------------------------------

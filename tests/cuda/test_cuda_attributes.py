@@ -7,6 +7,7 @@ import pytest
 import torch
 from cases import CASES
 from cuda_bits import CONSTRUCTIONS, DEVICE, Scene, as_bits, case_of, needs_cuda, poison
+from operators import Functional
 from test_shading import awkward_lambert
 from test_texture import SHAPES, awkward_coordinates
 
@@ -18,7 +19,7 @@ pytestmark = needs_cuda
 
 BACKGROUND = 2**63 - 1
 CLOCKS = 100_000_000  # some 50 ms
-OPS = torch.ops.bigtri
+OPS = Functional()
 
 
 def on_device(*tensors: torch.Tensor) -> list[torch.Tensor]:
@@ -280,15 +281,26 @@ def test_operators_pass_torchs_own_checks():
     packed, positions, triangles = on_device(*drawing("size_63x63"))
     points, three = torch.rand(9, 3, device=DEVICE), torch.rand(3, device=DEVICE)
     attributes = random_attributes(1, positions.shape[1], 5).to(DEVICE)
+
+    def new(*shape: int) -> torch.Tensor:
+        return torch.empty(shape, device=DEVICE)
+
     arguments = {
-        "interpolate": (packed, positions, triangles, attributes),
-        "barycentrics": (packed, positions, triangles),
-        "sample_texture": (torch.rand(7, 5, 3, device=DEVICE), torch.rand(20, 2, device=DEVICE), "bilinear", "repeat"),
-        "lambert": (points, points.clone(), three, points[:2].clone(), points[:2].clone()),
-        "encode_srgb": (points, torch.tensor(encode_thresholds())),
+        "interpolate": (packed, positions, triangles, attributes, "exact", new(*packed.shape, 5)),
+        "barycentrics": (packed, positions, triangles, "exact", new(*packed.shape, 3)),
+        "sample_texture": (
+            torch.rand(7, 5, 3, device=DEVICE),
+            torch.rand(20, 2, device=DEVICE),
+            "bilinear",
+            "repeat",
+            new(20, 3),
+        ),
+        "lambert": (points, points.clone(), three, points[:2].clone(), points[:2].clone(), new(9, 3)),
+        "encode_srgb": (points, torch.tensor(encode_thresholds()), torch.empty(9, 3, dtype=torch.uint8, device=DEVICE)),
     }
-    for name, given in arguments.items():
-        torch.library.opcheck(getattr(OPS, name).default, given)
+    for name, values in arguments.items():
+        given, named = split(name, values)
+        torch.library.opcheck(getattr(torch.ops.bigtri, name).default, given, named)
 
 
 def test_errors_name_the_argument():

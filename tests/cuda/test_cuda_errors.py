@@ -10,6 +10,7 @@ import test_fuzz
 import torch
 from cases import random_corners, soup
 from cuda_bits import DEVICE, VARIANTS, Scene, as_bits, assert_same, draw, expected, needs_cuda, operator_arguments, uploaded
+from operators import call
 
 import bigtri
 from bigtri import native
@@ -91,6 +92,12 @@ WRONG_ARGUMENTS = [
     (4, "cull", lambda _: ""),
     (5, "scissor", lambda _: [1, 2, 3]),
     (6, "variant", lambda _: "auto"),
+    (7, "precision", lambda _: "precise"),
+    (8, "samples", lambda _: 4),
+    (9, "parameters", lambda _: [1]),
+    (10, "ranges", lambda _: torch.zeros(1, 2, dtype=torch.int32, device=DEVICE)),
+    (11, "behind", lambda _: torch.zeros(1, 8, 8, dtype=torch.int64, device=DEVICE)),
+    (15, "counters", lambda _: torch.zeros(len(native.COUNTERS), dtype=torch.int64, device=DEVICE)),
 ]
 
 
@@ -101,13 +108,13 @@ def test_the_operator_names_the_argument(number, variant):
     arguments = operator_arguments(variant)
     wrong = (*arguments[:place], spoil(arguments[place]), *arguments[place + 1 :])
     with pytest.raises(RuntimeError, match=rf"bigtri::rasterize: {name}"):
-        torch.ops.bigtri.rasterize(*wrong)
-    assert not arguments[7].any() and not arguments[9].any()  # nothing was drawn
-    torch.ops.bigtri.rasterize(*arguments)
-    assert torch.equal(arguments[7][0], expected(Scene("screen_size")).packed)
+        call("rasterize", wrong)
+    assert not arguments[12].any() and not arguments[14].any()  # nothing was drawn
+    call("rasterize", arguments)
+    assert torch.equal(arguments[12][0], expected(Scene("screen_size")).packed)
 
 
-@pytest.mark.parametrize(("output", "name"), [(7, "packed"), (8, "depth"), (9, "dropped")])
+@pytest.mark.parametrize(("output", "name"), [(12, "packed"), (13, "depth"), (14, "dropped")])
 @pytest.mark.parametrize(("place", "with_what"), [(0, "positions"), (1, "triangles")])
 def test_an_output_over_an_input(output, name, place, with_what, variant):
     """Indices that change while they are read would lead anywhere."""
@@ -119,11 +126,11 @@ def test_an_output_over_an_input(output, name, place, with_what, variant):
     start = (size - 1) // 8 * 8  # the last bytes
     arguments[output] = memory[start : start + written.numel() * written.element_size()].view(written.dtype).view(written.shape)
     with pytest.raises(RuntimeError, match=f"{name} must not share memory with {with_what}"):
-        torch.ops.bigtri.rasterize(*arguments)
+        call("rasterize", tuple(arguments))
     assert torch.equal(arguments[place], given)
     arguments[place] = given
-    torch.ops.bigtri.rasterize(*arguments)
-    assert torch.equal(arguments[7][0], expected(Scene("screen_size")).packed)
+    call("rasterize", tuple(arguments))
+    assert torch.equal(arguments[12][0], expected(Scene("screen_size")).packed)
 
 
 def test_out_over_an_input():
@@ -139,10 +146,15 @@ def test_out_over_an_input():
 SECONDS = 6.0  # per variant
 
 
-def fuzzed(source: test_fuzz.Source, variant: str) -> tuple[list, bool]:
+def fuzzed(source: test_fuzz.Source, variant: str, settings: dict[str, int]) -> tuple[list, bool]:
     """Arguments of the operator, on the device but for some, and whether they were left as they should be."""
     arguments = list(test_fuzz.rasterize(source)[0])
     arguments[6] = variant if source.chance(0.95) else "auto"
+    known = native.REGISTRY["cuda"]["exact"][variant]
+    own = {name: value for name, value in settings.items() if name in known.parameters}
+    if source.chance(0.95):
+        arguments[7:12] = "exact", 1, native.parameter_values("fuzz", known, own), None, None
+    arguments[15] = None
     valid = not source.chance(0.35)
     if not valid and source.chance(0.7):
         k = int(source.rng.integers(len(arguments)))
@@ -157,12 +169,12 @@ def fuzzed(source: test_fuzz.Source, variant: str) -> tuple[list, bool]:
 def on_the_cpu(arguments: list) -> list[torch.Tensor | None] | None:
     """The outputs of the same call there; None if it raises, as for an index out of range."""
     copies = [a.detach().cpu().clone() if isinstance(a, torch.Tensor) else a for a in arguments]
-    copies[6] = native.VARIANTS["cpu"][0]
+    copies[6], copies[9] = native.VARIANTS["cpu"][0], []
     try:
-        torch.ops.bigtri.rasterize(*copies)
+        call("rasterize", tuple(copies))
     except RuntimeError:
         return None
-    return copies[7:]
+    return copies[12:15]
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -170,29 +182,29 @@ def on_the_cpu(arguments: list) -> list[torch.Tensor | None] | None:
 def test_the_operator_returns_or_raises(settings, variant):
     """Random arguments never crash it nor leave an error behind, and what it draws is what the CPU draws."""
     stop, returned, raised, compared = time.monotonic() + SECONDS / 3, 0, 0, 0
-    with native.using_parameters(**settings):
-        for seed in range(3000):
-            arguments, valid = fuzzed(test_fuzz.Source(seed), variant)
-            for output in arguments[7:]:
-                if valid and isinstance(output, torch.Tensor):
-                    output.fill_(seed % 3 - 1)
-            try:
-                torch.ops.bigtri.rasterize(*arguments)
-            except Exception as error:
-                raised += 1
-                assert "API call failed" not in str(error), (seed, error)
-                torch.cuda.synchronize()
-                assert not valid or arguments[6] != variant or on_the_cpu(arguments) is None, seed
-                continue
+    for seed in range(3000):
+        arguments, valid = fuzzed(test_fuzz.Source(seed), variant, settings)
+        for output in arguments[12:15]:
+            if valid and isinstance(output, torch.Tensor):
+                output.fill_(seed % 3 - 1)
+        try:
+            call("rasterize", tuple(arguments))
+        except Exception as error:
+            raised += 1
+            assert "API call failed" not in str(error), (seed, error)
             torch.cuda.synchronize()
-            returned += 1
-            if valid and (wanted := on_the_cpu(arguments)) is not None:
-                compared += 1
-                for a, b in zip(wanted, arguments[7:], strict=True):
-                    assert (a is None) == (b is None), seed
-                    assert a is None or torch.equal(as_bits(a), as_bits(b.cpu())), seed
-            if time.monotonic() > stop:
-                break
+            served = arguments[6] == variant and arguments[7:9] == ["exact", 1] and arguments[10:12] == [None, None]
+            assert not valid or not served or on_the_cpu(arguments) is None, seed
+            continue
+        torch.cuda.synchronize()
+        returned += 1
+        if valid and (wanted := on_the_cpu(arguments)) is not None:
+            compared += 1
+            for a, b in zip(wanted, arguments[12:15], strict=True):
+                assert (a is None) == (b is None), seed
+                assert a is None or torch.equal(as_bits(a), as_bits(b.cpu())), seed
+        if time.monotonic() > stop:
+            break
     assert returned and raised and compared
     assert_same(expected(Scene("mixed")), draw(Scene("mixed"), variant=variant))
     torch.cuda.synchronize()

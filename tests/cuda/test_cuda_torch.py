@@ -24,6 +24,7 @@ from cuda_bits import (
     poison,
     uploaded,
 )
+from operators import split
 
 import bigtri
 from bigtri import native
@@ -250,7 +251,8 @@ def test_compile_full_graph(variant):
 
 def test_opcheck(variant):
     utilities = ("test_schema", "test_autograd_registration", "test_faketensor", "test_aot_dispatch_dynamic")
-    torch.library.opcheck(torch.ops.bigtri.rasterize, operator_arguments(variant), test_utils=utilities)
+    given, named = split("rasterize", operator_arguments(variant))
+    torch.library.opcheck(torch.ops.bigtri.rasterize, given, named, test_utils=utilities)
 
 
 def test_inputs_that_require_grad(variant, path):
