@@ -52,7 +52,7 @@ def same_bits(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
     """Elementwise, for arrays of one shape and dtype: equal as bit patterns, so -0 is not 0; every NaN equals every other."""
     pattern = np.dtype(f"u{a.dtype.itemsize}")
     same = np.ascontiguousarray(a).view(pattern) == np.ascontiguousarray(b).view(pattern)
-    return same | (np.isnan(a) & np.isnan(b)) if a.dtype.kind == "f" else same
+    return same | (np.isnan(a) & np.isnan(b)) if a.dtype.kind == "f" and not same.all() else same
 
 
 def setup(a: Records, b: Records) -> Iterator[Difference]:
@@ -173,7 +173,8 @@ def depth_image(a: NDArray[np.float32], seen: NDArray[np.int64], b: NDArray[np.f
 
 def attributes(seen: NDArray[np.int64], a: NDArray[np.float32], b: NDArray[np.float32]) -> Iterator[Difference]:
     """Pixel by pixel of the barycentrics [H, W, 3] of the visibility buffer ``seen``."""
-    for y, x in zip(*np.nonzero(~same_bits(a, b).all(axis=2)), strict=True):
+    rows, columns, _ = np.nonzero(~same_bits(a, b))
+    for y, x in dict.fromkeys(zip(rows.tolist(), columns.tolist(), strict=True)):
         pixel, triangle = (int(x), int(y)), _triangle(int(seen[y, x]))
         who = "background" if triangle is None else f"triangle {triangle}"
         words = f"pixel {pixel}: {who} has the barycentrics {text_of(b[y, x])}, {text_of(a[y, x])} expected"

@@ -228,8 +228,10 @@ class _Run(NamedTuple):
         """
         expected = self._on_backend(stage, given, "reference")
         if stage in self.own:
-            return expected, _outputs(stage, _call(stage, self.own[stage], given), sizes)
-        return expected, self._on_backend(stage, given, "native") if native.available() else []
+            return expected, _checked_outputs(stage, _flat(stage, _call(stage, self.own[stage], given)), sizes)
+        if not native.available():
+            return expected, []
+        return expected, _checked_outputs(stage, self._on_backend(stage, given, "native"), sizes)
 
     def _on_backend(self, stage: str, given: tuple[Any, ...], backend: str) -> list[NDArray[Any]]:
         """The stage's outputs; of the whole, the depth image too."""
@@ -277,11 +279,9 @@ def _call(stage: str, function: Stage, given: tuple[Any, ...]) -> Any:
         raise RuntimeError(f"bigtri.verify: stages[{stage!r}] raised {type(error).__name__}: {error}") from error
 
 
-def _outputs(stage: str, result: Any, sizes: dict[str, int]) -> list[NDArray[Any]]:
-    """What one's own stage returned, as arrays of the dtypes and shapes that the stage hands out."""
-    wanted = _OUTPUTS[stage]
-    values = _flat(stage, result)
-    for (name, (dtype, shape)), value in zip(wanted.items(), values, strict=True):
+def _checked_outputs(stage: str, values: list[Any], sizes: dict[str, int]) -> list[NDArray[Any]]:
+    """``values``, once they are known to be arrays of the dtypes and shapes that the stage hands out."""
+    for (name, (dtype, shape)), value in zip(_OUTPUTS[stage].items(), values, strict=False):  # after the whole: its depth image
         fixed = " and ".join(f"{size} = {sizes[size]}" for size in shape if size in sizes)
         form = f"{dtype} [{', '.join(map(str, shape))}]" + (f" with {fixed}" if fixed else "")
         text = f"bigtri.verify: stage {stage} must return {name} as {form}, got {arguments.described(value)}"

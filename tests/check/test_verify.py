@@ -568,6 +568,14 @@ def test_a_schedule_that_loses_the_count_or_the_depth_image(monkeypatch):
 
 
 @needs_native
+def test_an_output_of_the_extension_s_of_another_length(monkeypatch):
+    real = verify.one_stage.depth
+    monkeypatch.setattr(verify.one_stage, "depth", lambda *a, backend: real(*a, backend=backend)[backend == "native" :])
+    with pytest.raises(ValueError, match=r"^bigtri.verify: stage depth must return depth as float32 \[F\] with F = 7701, got"):
+        verify.compare(*CASE)
+
+
+@needs_native
 def test_no_schedule_is_blamed_whose_stages_were_not_all_compared(monkeypatch):
     with_image(monkeypatch, lambda seen: seen._replace(dropped=seen.dropped + 1))
     found = verify.compare(*CASE, stages={"depth": reference.depth})
