@@ -7,7 +7,7 @@ import pytest
 import torch
 from cases import CASES
 from cuda_bits import CONSTRUCTIONS, DEVICE, Scene, as_bits, case_of, needs_cuda, poison
-from operators import Functional
+from operators import Functional, split
 from test_shading import awkward_lambert
 from test_texture import SHAPES, awkward_coordinates
 

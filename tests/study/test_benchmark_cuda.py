@@ -27,7 +27,7 @@ if not BENCH.exists():
 if str(BENCH) not in sys.path:
     sys.path.append(str(BENCH))
 # What some variant on CUDA has as a parameter, where it is built or not.
-PARAMETERS = set(re.findall(r'\{"(\w+)", "', "".join(f.read_text() for f in sorted(CSRC.glob("cuda/*.cu*")))))
+PARAMETERS = set(re.findall(r'\bX\((\w+), "', "".join(f.read_text() for f in sorted(CSRC.glob("cuda/*")))))
 
 cuda_clock, cuda_floor, cuda_run, cuda_scaling, sanitize = (
     importlib.import_module(name) for name in ("cuda_clock", "cuda_floor", "cuda_run", "cuda_scaling", "sanitize")
