@@ -9,6 +9,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "attributes.h"
 #include "frame.h"
 
 uint3 threadIdx, blockIdx;
@@ -65,6 +66,9 @@ int order = kForward;
 void* scheduler;
 const std::function<void()>* body;
 int kernel;  // how many the frame has had
+uint64_t trace;  // of the frame: its scratch memory, launches, and where its threads met
+
+void add_to_trace(uint64_t v) { trace = (trace ^ v) * 0x9e3779b97f4a7c15 + (trace >> 29); }
 
 [[noreturn]] void fail(const char* what, int thread) {
   const Thread& t = threads[thread];
@@ -74,6 +78,22 @@ int kernel;  // how many the frame has had
 }
 
 void on_fault(int) { fail("access beyond memory", current); }
+
+// Threads have no room for a handler on their stacks, so it has one of its own.
+void handle_faults() {
+  static bool handled = false;
+  if (!handled) {
+    static char stack[1 << 16];
+    const stack_t alternative = {stack, 0, sizeof stack};
+    sigaltstack(&alternative, nullptr);
+    struct sigaction action = {};
+    action.sa_handler = on_fault;
+    action.sa_flags = SA_ONSTACK;
+    sigaction(SIGSEGV, &action, nullptr);
+    sigaction(SIGBUS, &action, nullptr);
+    handled = true;
+  }
+}
 
 void thread_main() {
   (*body)();
@@ -89,6 +109,7 @@ void wait(State state, uint64_t value, const char* file, int line) {
   t.value = value;
   t.file = file;
   t.line = line;
+  add_to_trace((uint64_t)line << 16 | (unsigned)current);
   switch_stack(&t.at, scheduler);
 }
 
@@ -190,6 +211,15 @@ class Memory {
   char* base_;
 };
 
+// The same with what the host has at `from`.
+template <class T>
+struct Copied : Memory {
+  Copied(const T* from, size_t count) : Memory(count * sizeof(T), 0) {
+    if (count) memcpy(of<T>(), from, count * sizeof(T));
+  }
+  const T* get() const { return of<T>(); }
+};
+
 }  // namespace
 
 const uint64_t* warp_values(uint64_t value, const char* file, int line) {
@@ -207,6 +237,8 @@ void run_grid(dim3 grid, dim3 block, size_t shared_bytes, const std::function<vo
   if (block.x > kMostThreads) abort();
   const Memory shared(shared_bytes, 0);
   ++kernel;
+  add_to_trace((uint64_t)grid.x << 32 | block.x);
+  add_to_trace(shared_bytes);
   body = &what;
   gridDim = grid;
   blockDim = block;
@@ -241,6 +273,7 @@ cudaError_t cudaMemsetAsync(void* p, int value, size_t bytes, cudaStream_t) {
   return cudaSuccess;
 }
 void set_order(int v) { order = v; }
+uint64_t trace_of_frame() { return trace; }
 
 void default_settings(int64_t* fields) {
   const bigtri::Tuning tuning;
@@ -251,18 +284,7 @@ void default_settings(int64_t* fields) {
 int draw_on_cpu(const char* variant, const float* positions, int64_t vertices, const int32_t* triangles, int32_t count, const int32_t* view,
                 const int64_t* settings, int64_t* packed, float* depth, int64_t* dropped) {
   using namespace bigtri;
-  static bool handled = false;
-  if (!handled) {
-    static char stack[1 << 16];
-    const stack_t alternative = {stack, 0, sizeof stack};
-    sigaltstack(&alternative, nullptr);
-    struct sigaction action = {};
-    action.sa_handler = on_fault;
-    action.sa_flags = SA_ONSTACK;
-    sigaction(SIGSEGV, &action, nullptr);
-    sigaction(SIGBUS, &action, nullptr);
-    handled = true;
-  }
+  handle_faults();
   const CudaVariant* chosen = kCudaVariants;
   while (chosen->name && strcmp(chosen->name, variant) != 0) ++chosen;
   if (!chosen->name) return 1;
@@ -284,11 +306,79 @@ int draw_on_cpu(const char* variant, const float* positions, int64_t vertices, c
   f.depth = depth ? depths.of<float>() : nullptr;
   f.dropped = drops.of<int64_t>();
   kernel = 0;
+  trace = (uint64_t)chosen->scratch_bytes(f, tuning);
   const Memory scratch(chosen->scratch_bytes(f, tuning), 0x7f);
   if (chosen->draw(f, tuning, scratch.of<char>(), nullptr) != cudaSuccess) return 3;
   memcpy(packed, f.packed, pixels * 8);
   if (depth) memcpy(depth, f.depth, pixels * 4);
   *dropped = *f.dropped;
   return 0;
+}
+
+// What attributes.cu has; 0, or what the launch said. sizes: views, height, width, vertices of a view, triangles, channels, and views of the attributes, or 0 for the
+// weights.
+int interpolate_on_cpu(const int64_t* packed, const float* positions, const int32_t* triangles, const float* attributes, const int64_t* sizes, float* out) {
+  using namespace bigtri;
+  handle_faults();
+  const int64_t views = sizes[0], pixels = sizes[1] * sizes[2], vertices = sizes[3], channels = sizes[5];
+  const Copied<int64_t> buffer(packed, views * pixels);
+  const Copied<float> clip_space(positions, views * vertices * 4), given(attributes, sizes[6] * vertices * channels);
+  const Copied<int32_t> indices(triangles, sizes[4] * 3);
+  const Memory result(views * pixels * channels * 4, 0x33), scratch(interpolation_scratch(views, sizes[1], sizes[2]), 0x7f);
+  Interpolation job = {};
+  job.packed = buffer.get();
+  job.positions = clip_space.get();
+  job.triangles = indices.get();
+  job.attributes = sizes[6] * vertices > 0 ? given.get() : nullptr;
+  job.weights = sizes[6] == 0;
+  job.out = result.of<float>();
+  job.clipped = scratch.of<uint32_t>();
+  job.batch = views;
+  job.vertices = vertices;
+  job.attribute_view = sizes[6] == 1 ? 0 : vertices * channels;
+  job.channels = channels;
+  job.count = (int32_t)sizes[4];
+  job.height = (int)sizes[1];
+  job.width = (int)sizes[2];
+  kernel = 0;
+  const cudaError_t error = interpolate_cuda(job, nullptr);
+  memcpy(out, job.out, views * pixels * channels * 4);
+  return error;
+}
+
+// sizes: of the texture, height, width and channels; coordinates; filter; wrap.
+int sample_on_cpu(const float* texture, const float* uv, const int64_t* sizes, float* out) {
+  using namespace bigtri;
+  handle_faults();
+  const Copied<float> texels(texture, sizes[0] * sizes[1] * sizes[2]), coordinates(uv, 2 * sizes[3]);
+  const Memory result(sizes[3] * sizes[2] * 4, 0x33);
+  kernel = 0;
+  const cudaError_t error = sample_cuda(texels.get(), (int)sizes[0], (int)sizes[1], sizes[2], coordinates.get(), sizes[3], (Filter)sizes[4], (Wrap)sizes[5],
+                                        result.of<float>(), nullptr);
+  memcpy(out, result.of<float>(), sizes[3] * sizes[2] * 4);
+  return error;
+}
+
+int lambert_on_cpu(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights, int64_t count,
+                   float* out) {
+  using namespace bigtri;
+  handle_faults();
+  const Copied<float> n(normals, 3 * count), a(albedo, 3 * count), everywhere(ambient, 3), to_light(directions, 3 * lights), of_light(colors, 3 * lights);
+  const Memory result(12 * count, 0x33);
+  kernel = 0;
+  const cudaError_t error = lambert_cuda(n.get(), a.get(), everywhere.get(), to_light.get(), of_light.get(), lights, count, result.of<float>(), nullptr);
+  memcpy(out, result.of<float>(), 12 * count);
+  return error;
+}
+
+int encode_on_cpu(const float* linear, const float* thresholds, int64_t count, uint8_t* out) {
+  using namespace bigtri;
+  handle_faults();
+  const Copied<float> numbers(linear, count);
+  const Memory result(count, 0x33);
+  kernel = 0;
+  const cudaError_t error = encode_srgb_cuda(numbers.get(), thresholds, count, result.of<uint8_t>(), nullptr);
+  memcpy(out, result.of<uint8_t>(), count);
+  return error;
 }
 }
