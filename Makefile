@@ -16,16 +16,19 @@ CPP_CODE := $(shell find bigtri bench tests -name '*.cpp' -o -name '*.h' -o -nam
 SCRIPTS := .ci/run bench/gpu.sh
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test build lint format wheel clean
+.PHONY: help demo test test-all build lint format wheel clean
 
 help:  ## this list
-	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 10
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 10
 
 demo: build  ## draw a scene of large textured triangles, explain it and time every stage
 	$(BIN)/bigtri demo --out $(DEMO)
 
-test: build  ## run every test; PYTEST_ARGS="-k name" runs some
+test: build  ## run the tests, each with its chosen cases; PYTEST_ARGS="-k name" runs some
 	$(PY) -m pytest $(PYTEST_ARGS)
+
+test-all: build  ## run them with all cases, also those that make test leaves out
+	$(PY) -m pytest --all $(PYTEST_ARGS)
 
 build: $(VENV)/.built  ## make .venv, install bigtri into it and build the extension
 

@@ -10,12 +10,15 @@
 #include <unistd.h>
 
 #include "../core/precision.h"
+#include "attributes.h"
+#include "shading.h"
 #include "variant.h"
 
 namespace bigtri {
 namespace BIGTRI_RUNG {
 extern const CudaVariant* const kCudaVariants[];
-}
+cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream);
+}  // namespace BIGTRI_RUNG
 }  // namespace bigtri
 
 uint3 threadIdx, blockIdx;
@@ -81,6 +84,22 @@ int kernel;  // how many the frame has had
 }
 
 void on_fault(int) { fail("access beyond memory", current); }
+
+// Threads have no room for a handler on their stacks, so it has one of its own.
+void handle_faults() {
+  static bool handled = false;
+  if (!handled) {
+    static char stack[1 << 16];
+    const stack_t alternative = {stack, 0, sizeof stack};
+    sigaltstack(&alternative, nullptr);
+    struct sigaction action = {};
+    action.sa_handler = on_fault;
+    action.sa_flags = SA_ONSTACK;
+    sigaction(SIGSEGV, &action, nullptr);
+    sigaction(SIGBUS, &action, nullptr);
+    handled = true;
+  }
+}
 
 void thread_main() {
   (*body)();
@@ -197,6 +216,15 @@ class Memory {
   char* base_;
 };
 
+// The same with what the host has at `from`.
+template <class T>
+struct Copied : Memory {
+  Copied(const T* from, size_t count) : Memory(count * sizeof(T), 0) {
+    if (count) memcpy(of<T>(), from, count * sizeof(T));
+  }
+  const T* get() const { return of<T>(); }
+};
+
 const bigtri::CudaVariant* find_variant(const char* name) {
   const bigtri::CudaVariant* const* v = bigtri::BIGTRI_RUNG::kCudaVariants;
   while (*v && strcmp((*v)->name, name) != 0) ++v;
@@ -266,18 +294,7 @@ int64_t parameter_standard(const char* variant, int i) { return find_variant(var
 int draw_on_cpu(const char* variant, int32_t views, const float* positions, int64_t vertices, const int32_t* triangles, int32_t count, const int32_t* view,
                 const int64_t* values, int64_t* packed, float* depth, int64_t* dropped) {
   using namespace bigtri;
-  static bool handled = false;
-  if (!handled) {
-    static char stack[1 << 16];
-    const stack_t alternative = {stack, 0, sizeof stack};
-    sigaltstack(&alternative, nullptr);
-    struct sigaction action = {};
-    action.sa_handler = on_fault;
-    action.sa_flags = SA_ONSTACK;
-    sigaction(SIGSEGV, &action, nullptr);
-    sigaction(SIGBUS, &action, nullptr);
-    handled = true;
-  }
+  handle_faults();
   const CudaVariant* chosen = find_variant(variant);
   if (!chosen) return 1;
   for (int i = 0; chosen->parameters[i].name; ++i)
@@ -303,5 +320,72 @@ int draw_on_cpu(const char* variant, int32_t views, const float* positions, int6
   if (depth) memcpy(depth, f.depth, pixels * 4);
   memcpy(dropped, f.dropped, views * 8);
   return 0;
+}
+
+// Interpolation in the rung; 0, or what the launch said. sizes: views, height, width, vertices of a view, triangles, channels, and views of the attributes, or 0 for the
+// weights.
+int interpolate_on_cpu(const int64_t* packed, const float* positions, const int32_t* triangles, const float* attributes, const int64_t* sizes, float* out) {
+  using namespace bigtri;
+  handle_faults();
+  const int64_t views = sizes[0], pixels = sizes[1] * sizes[2], vertices = sizes[3], channels = sizes[5];
+  const Copied<int64_t> buffer(packed, views * pixels);
+  const Copied<float> clip_space(positions, views * vertices * 4), given(attributes, sizes[6] * vertices * channels);
+  const Copied<int32_t> indices(triangles, sizes[4] * 3);
+  const Memory result(views * pixels * channels * 4, 0x33), scratch(interpolation_scratch(views, sizes[1], sizes[2]), 0x7f);
+  Interpolation job = {};
+  job.packed = buffer.get();
+  job.positions = clip_space.get();
+  job.triangles = indices.get();
+  job.attributes = sizes[6] * vertices > 0 ? given.get() : nullptr;
+  job.weights = sizes[6] == 0;
+  job.out = result.of<float>();
+  job.clipped = scratch.of<uint32_t>();
+  job.batch = views;
+  job.vertices = vertices;
+  job.attribute_view = sizes[6] == 1 ? 0 : vertices * channels;
+  job.channels = channels;
+  job.count = (int32_t)sizes[4];
+  job.height = (int)sizes[1];
+  job.width = (int)sizes[2];
+  kernel = 0;
+  const cudaError_t error = BIGTRI_RUNG::interpolate_cuda(job, nullptr);
+  memcpy(out, job.out, views * pixels * channels * 4);
+  return error;
+}
+
+// sizes: of the texture, height, width and channels; coordinates; filter; wrap.
+int sample_on_cpu(const float* texture, const float* uv, const int64_t* sizes, float* out) {
+  using namespace bigtri;
+  handle_faults();
+  const Copied<float> texels(texture, sizes[0] * sizes[1] * sizes[2]), coordinates(uv, 2 * sizes[3]);
+  const Memory result(sizes[3] * sizes[2] * 4, 0x33);
+  kernel = 0;
+  const cudaError_t error = sample_cuda(texels.get(), (int)sizes[0], (int)sizes[1], sizes[2], coordinates.get(), sizes[3], (Filter)sizes[4], (Wrap)sizes[5],
+                                        result.of<float>(), nullptr);
+  memcpy(out, result.of<float>(), sizes[3] * sizes[2] * 4);
+  return error;
+}
+
+int lambert_on_cpu(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights, int64_t count,
+                   float* out) {
+  using namespace bigtri;
+  handle_faults();
+  const Copied<float> n(normals, 3 * count), a(albedo, 3 * count), everywhere(ambient, 3), to_light(directions, 3 * lights), of_light(colors, 3 * lights);
+  const Memory result(12 * count, 0x33);
+  kernel = 0;
+  const cudaError_t error = lambert_cuda(n.get(), a.get(), everywhere.get(), to_light.get(), of_light.get(), lights, count, result.of<float>(), nullptr);
+  memcpy(out, result.of<float>(), 12 * count);
+  return error;
+}
+
+int encode_on_cpu(const float* linear, const float* thresholds, int64_t count, uint8_t* out) {
+  using namespace bigtri;
+  handle_faults();
+  const Copied<float> numbers(linear, count);
+  const Memory result(count, 0x33);
+  kernel = 0;
+  const cudaError_t error = encode_srgb_cuda(numbers.get(), thresholds, count, result.of<uint8_t>(), nullptr);
+  memcpy(out, result.of<uint8_t>(), count);
+  return error;
 }
 }

@@ -7,6 +7,7 @@ the CUDA toolkit.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import os
@@ -17,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 
 HERE = Path(__file__).resolve().parent
 CSRC = HERE.parents[1] / "bigtri/csrc"
-SOURCES = tuple(sorted(file.stem for file in CSRC.glob("cuda/*.cu") if file.stem not in ("attributes", "rungs", "shading")))
+SOURCES = tuple(sorted(file.stem for file in CSRC.glob("cuda/*.cu") if file.stem != "rungs"))
 REGISTRY = dict(re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\) (.*)", (CSRC / "cuda/variants.h").read_text()))
 VARIANTS_OF = {rung: tuple(re.findall(r"X\((\w+)\)", listed)) for rung, listed in REGISTRY.items()}
 VARIANTS = VARIANTS_OF["exact"]
@@ -77,10 +78,22 @@ def available() -> str:
     return "" if cuda_headers() else "no headers of the CUDA toolkit"
 
 
+def included(file: Path) -> set[str]:
+    """Names of the file and of all that it includes of its folder."""
+    found, waiting = set(), [file.name]
+    while waiting:
+        if (name := waiting.pop()) not in found:
+            found.add(name)
+            here = file.with_name(name)
+            waiting += re.findall(r'#include "(\w+\.\w+)"', here.read_text()) if here.exists() else []
+    return found
+
+
 def build(folder: Path, mutation: tuple[str, str, str] | None = None, rung: str = "exact") -> ctypes.CDLL:
-    """Compile the kernels into ``folder``. mutation: a file of csrc/cuda, text that it holds, and what to put in its place."""
+    """Compile the kernels into ``folder``. mutation: a file of csrc/cuda, text that it holds, and what to put in its place; only
+    what includes it is compiled then."""
     shutil.copytree(CSRC / "core", folder / "core")
-    shutil.copytree(CSRC / "cuda", folder / "cuda", ignore=shutil.ignore_patterns("attributes*", "rungs*", "shading*"))
+    shutil.copytree(CSRC / "cuda", folder / "cuda", ignore=shutil.ignore_patterns("rungs*"))
     for file in (folder / "cuda").iterdir():
         text = file.read_text()
         if mutation and file.name == mutation[0]:
@@ -94,18 +107,30 @@ def build(folder: Path, mutation: tuple[str, str, str] | None = None, rung: str 
     compiler = ["c++", "-std=c++17", "-O1", "-w", "-fPIC", "-ffp-contract=off", f"-DBIGTRI_RUNG={rung}", *folders]
     header = ["-include", str(HERE / "cuda_on_cpu.h"), "-x", "c++", "-c"]
     unlisted = {*VARIANTS} - {*VARIANTS_OF[rung]}
-    sources = {folder / "cuda" / f"{name}.cu": folder / f"{name}.o" for name in SOURCES if name not in unlisted}
-    sources[HERE / "cuda_on_cpu.cpp"] = folder / "cuda_on_cpu.o"
-    running = [subprocess.Popen([*compiler, *header, str(source), "-o", str(out)]) for source, out in sources.items()]
+    names = [name for name in SOURCES if name not in unlisted]
+    objects, running = [], []
+    for source in (*(folder / "cuda" / f"{name}.cu" for name in names), HERE / "cuda_on_cpu.cpp"):
+        if mutation and mutation[0] not in included(source):
+            objects.append(unchanged(rung) / f"{source.stem}.o")
+            continue
+        objects.append(folder / f"{source.stem}.o")
+        running.append(subprocess.Popen([*compiler, *header, str(source), "-o", str(objects[-1])]))
     assert not any([process.wait() for process in running]), "the kernels do not compile for the host"
     library = folder / "kernels.so"
-    subprocess.run(["c++", "-shared", "-Wl,-Bsymbolic", "-o", str(library), *map(str, sources.values())], check=True)
+    subprocess.run(["c++", "-shared", "-Wl,-Bsymbolic", "-o", str(library), *map(str, objects)], check=True)
     return ctypes.CDLL(str(library))
 
 
 @functools.cache
+def unchanged(rung: str) -> Path:
+    """A folder with the kernels as they are, compiled once in a process."""
+    folder = Path(tempfile.mkdtemp(prefix="bigtri_cuda_on_cpu_")) / "build"
+    build(folder, rung=rung)
+    return folder
+
+
 def kernels(rung: str = "exact") -> ctypes.CDLL:
-    return build(Path(tempfile.mkdtemp(prefix="bigtri_cuda_on_cpu_")) / "build", rung=rung)
+    return ctypes.CDLL(str(unchanged(rung) / "kernels.so"))
 
 
 def parameters(library: ctypes.CDLL, variant: str) -> dict[str, int]:
@@ -151,10 +176,10 @@ def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.
     return packed, depth, int(dropped.sum())
 
 
-def differences(library: ctypes.CDLL, jobs: Iterable[Job]) -> list[str]:
-    """What is not as it has to be, a line for each job of which that can be said."""
+def differences(library: ctypes.CDLL, jobs: Iterable[tuple[int, Job]]) -> list[str]:
+    """What is not as it has to be, a line for each job of which that can be said; a job's number chooses its two orders."""
     found = []
-    for job, order in ((j, o) for n, j in enumerate(jobs) for o in (n % 3, 3 + n % 2)):
+    for job, order in ((j, o) for n, j in jobs for o in (n % 3, 3 + n % 2)):
         library.set_order(order)  # of threads, and of warps: must not matter
         packed, depth, dropped = draw(library, job)
         depths = int((depth.view(np.int32) != job.depth.view(np.int32)).sum())
@@ -165,17 +190,32 @@ def differences(library: ctypes.CDLL, jobs: Iterable[Job]) -> list[str]:
     return found
 
 
-def differences_in_child(library: ctypes.CDLL, jobs: list[Job]) -> str:
-    """The same in a process of its own, which a kernel may end: what it said, empty if all is right."""
-    with tempfile.TemporaryFile("w+") as said:
-        if (child := os.fork()) == 0:
-            os.dup2(said.fileno(), 2)
-            try:
-                text = "\n".join(differences(library, jobs))
-            except BaseException:
-                text = traceback.format_exc()
-            os.write(said.fileno(), text.encode())
-            os._exit(0)
-        status = os.waitpid(child, 0)[1]
-        said.seek(0)
-        return said.read() + (f"\nended with status {status}" if status else "")
+def in_children(bodies: Sequence[Callable[[], list[str]]]) -> str:
+    """What the bodies find, a line each; empty if nothing. Each runs in a process of its own, which a kernel may end, at the
+    same time as the others."""
+    with contextlib.ExitStack() as stack:
+        said = [stack.enter_context(tempfile.TemporaryFile("w+")) for _ in bodies]
+        children = []
+        for body, file in zip(bodies, said, strict=True):
+            if (child := os.fork()) == 0:
+                os.dup2(file.fileno(), 2)
+                try:
+                    text = "\n".join(body())
+                except BaseException:
+                    text = traceback.format_exc()
+                os.write(file.fileno(), text.encode())
+                os._exit(0)
+            children.append(child)
+        found = []
+        for child, file in zip(children, said, strict=True):
+            status = os.waitpid(child, 0)[1]
+            file.seek(0)
+            found += [file.read(), f"ended with status {status}" if status else ""]
+        return "\n".join(filter(None, found))
+
+
+def differences_in_children(library: ctypes.CDLL, jobs: Sequence[Job], first: int = 0) -> str:
+    """The same in a process for each core. first: the number of the first job."""
+    numbered = list(enumerate(jobs, first))
+    cores = min(len(os.sched_getaffinity(0)), len(numbered))
+    return in_children([functools.partial(differences, library, numbered[k::cores]) for k in range(cores)])

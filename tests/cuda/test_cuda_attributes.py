@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import torch
+from attribute_cases import (
+    CHANNELS,
+    OPS,
+    RESOLUTIONS,
+    drawing,
+    of_a_case,
+    of_any_buffer,
+    of_batches,
+    of_channels,
+    of_indices_out_of_range,
+    of_lights,
+    of_numbers,
+    of_textures,
+    random_attributes,
+    views_of_a_clipped_scene,
+)
 from cases import CASES
 from cuda_bits import CONSTRUCTIONS, DEVICE, Scene, as_bits, case_of, needs_cuda, poison
-from operators import Functional, split
-from test_shading import awkward_lambert
-from test_texture import SHAPES, awkward_coordinates
+from operators import split
 
 import bigtri
 from bigtri.ops.texture import FILTERS, WRAPS
+from bigtri.precision import DEFAULT
 from bigtri.reference.shading import encode_thresholds
 
 pytestmark = needs_cuda
 
-BACKGROUND = 2**63 - 1
 CLOCKS = 100_000_000  # some 50 ms
-OPS = Functional()
 
 
 def on_device(*tensors: torch.Tensor) -> list[torch.Tensor]:
@@ -40,52 +52,26 @@ def assert_same(op, *arguments, what: object = "") -> None:
     assert not len(different), f"{what}: {len(different)} of {a.numel()} differ, first at {different[0].tolist()}"
 
 
-def drawing(name: str, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """packed [1, H, W], positions [1, V, 4], triangles [T, 3] of a construction, on the CPU."""
-    case = case_of(Scene(name, seed))
-    positions, triangles = torch.from_numpy(case.positions)[None], torch.from_numpy(case.triangles)
-    return bigtri.rasterize(positions, triangles, case.resolution).packed, positions, triangles
-
-
-def views_of_a_clipped_scene(count: int, resolution: tuple[int, int]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    case = case_of(Scene("behind_camera"))
-    views = [case.positions + np.float32([0.1 * k, -0.05 * k, 0, 0]) for k in range(count)]
-    positions, triangles = torch.from_numpy(np.stack(views)), torch.from_numpy(case.triangles)
-    return bigtri.rasterize(positions, triangles, resolution).packed, positions, triangles
-
-
-def random_attributes(*shape: int) -> torch.Tensor:
-    return torch.from_numpy(np.random.default_rng(shape).normal(size=shape).astype(np.float32))
-
-
 # --- Interpolation ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", CONSTRUCTIONS)
 def test_every_case(name):
     for seed in range(3 if name in CASES and not name.startswith("size") else 1):
-        packed, positions, triangles = drawing(name, seed)
-        assert_same(OPS.barycentrics, packed, positions, triangles, what=(name, seed))
-        attributes = random_attributes(1, positions.shape[1], 3)
-        assert_same(OPS.interpolate, packed, positions, triangles, attributes, what=(name, seed))
+        for call in of_a_case(name, seed):
+            assert_same(*call, what=(name, seed))
 
 
-@pytest.mark.parametrize("channels", [1, 2, 5, 16, 31, 32, 33, 64, 65])
+@pytest.mark.parametrize("channels", CHANNELS)
 def test_any_number_of_channels(channels):
-    for name in ("screen_size", "behind_camera"):
-        packed, positions, triangles = drawing(name)
-        assert_same(OPS.interpolate, packed, positions, triangles, random_attributes(1, positions.shape[1], channels))
+    for call in of_channels(channels, drawing("screen_size"), drawing("behind_camera")):
+        assert_same(*call)
 
 
-@pytest.mark.parametrize("resolution", [(1, 1), (5, 7), (37, 45), (64, 64)])
+@pytest.mark.parametrize("resolution", RESOLUTIONS)
 def test_batches_with_shared_and_with_own_attributes(resolution):
-    packed, positions, triangles = views_of_a_clipped_scene(5, resolution)
-    assert_same(OPS.barycentrics, packed, positions, triangles)
-    for views in (1, 5):
-        attributes = random_attributes(views, positions.shape[1], 4)
-        attributes[0, ::5] = torch.nan
-        attributes[0, 1::7] = torch.inf
-        assert_same(OPS.interpolate, packed, positions, triangles, attributes, what=views)
+    for call in of_batches(resolution):
+        assert_same(*call)
 
 
 def test_positions_that_are_not_aligned_to_a_vertex():
@@ -99,38 +85,13 @@ def test_positions_that_are_not_aligned_to_a_vertex():
 
 
 def test_buffers_that_say_anything():
-    _, positions, triangles = views_of_a_clipped_scene(3, (41, 50))
-    rng, count = np.random.default_rng(0), len(triangles)
-    edges = [-1, -(2**63), BACKGROUND, BACKGROUND - 1, 0, 3, count - 1, count, 2**31 - 1, 2**31, 2**32 - 1, 2**32]
-    shape = (3, 41, 50)
-    # The last one names a triangle at every pixel, also where it is not.
-    for values in (rng.choice(edges, shape), rng.integers(-(2**63), BACKGROUND, shape), rng.integers(0, count, shape)):
-        packed = torch.from_numpy(values.astype(np.int64))
-        assert_same(OPS.barycentrics, packed, positions, triangles)
-        assert_same(OPS.interpolate, packed, positions, triangles, random_attributes(3, positions.shape[1], 2))
+    for call in of_any_buffer():
+        assert_same(*call)
 
 
 def test_indices_out_of_range_read_as_background():
-    packed, positions, triangles = views_of_a_clipped_scene(2, (90, 110))
-    vertices = positions.shape[1]
-    broken = triangles.clone()
-    broken[::3, 1] = vertices
-    broken[1::7, 0] = -1
-    broken[2::11, 2] = 2**31 - 1
-    broken[3, 0] = -(2**31)
-    is_broken = ((broken < 0) | (broken >= vertices)).any(dim=1)
-    named = (packed & 0xFFFFFFFF).clamp(max=len(triangles) - 1)
-    lost = (packed != BACKGROUND) & is_broken[named]
-    assert lost.any() and (~lost & (packed != BACKGROUND)).any()
-    device = on_device(packed, positions, broken)
-    attributes = random_attributes(1, vertices, 3)
-    for got, whole in (
-        (OPS.barycentrics(*device), OPS.barycentrics(packed, positions, triangles)),
-        (OPS.interpolate(*device, attributes.to(DEVICE)), OPS.interpolate(packed, positions, triangles, attributes)),
-    ):
-        assert torch.equal(as_bits(got.cpu()), as_bits(torch.where(lost[..., None], 0.0, whole)))
-    nothing = torch.zeros(2, 0, 4, device=DEVICE)
-    assert not OPS.barycentrics(device[0], nothing, device[2]).any()
+    for (op, *arguments), wanted in of_indices_out_of_range():
+        assert torch.equal(as_bits(op(*on_device(*arguments)).cpu()), as_bits(wanted))
 
 
 def test_empty_inputs():
@@ -159,33 +120,19 @@ def test_empty_inputs():
 @pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize("how", FILTERS)
 def test_textures(how, wrap):
-    rng = np.random.default_rng(1)
-    for shape in (*SHAPES, (3, 2, 40), (1, 65536, 1), (65536, 1, 1)):
-        texture = torch.from_numpy(rng.normal(size=shape).astype(np.float32))
-        uv = torch.from_numpy(awkward_coordinates(rng, 3000))
-        assert_same(OPS.sample_texture, texture, uv, how, wrap, what=shape)
+    for call in of_textures(how, wrap, 3000):
+        assert_same(*call, what=call[1].shape)
 
 
 @pytest.mark.parametrize("lights", range(4))
 def test_lambert(lights):
-    normals, albedo, ambient, *both = (torch.from_numpy(a) for a in awkward_lambert(np.random.default_rng(2), 4000))
-    directions, colors = (a[:lights].contiguous() for a in both)
-    normals[:50] = torch.inf
-    assert_same(OPS.lambert, normals, albedo, ambient, directions, colors)
-    if lights:
-        directions[0, 0] = torch.inf
-        assert_same(OPS.lambert, normals, albedo, ambient, directions, colors)
+    for call in of_lights(lights, 4000):
+        assert_same(*call)
 
 
 def test_srgb():
-    thresholds = encode_thresholds()
-    beside = [np.nextafter(thresholds, np.float32(to)) for to in (-9, 9)]
-    special = np.float32([np.nan, -np.nan, np.inf, -np.inf, -0.0, 0, 1e-45, -1e-45, 1, 2, 3.4e38])
-    random = np.random.default_rng(3).normal(0.5, 0.6, 100_003).astype(np.float32)
-    linear = torch.from_numpy(np.concatenate([thresholds, *beside, special, random]))
-    assert_same(bigtri.encode_srgb, linear)
-    assert_same(bigtri.encode_srgb, linear[:7])
-    assert_same(bigtri.encode_srgb, torch.tensor(0.5))
+    for call in of_numbers(100_003):
+        assert_same(*call)
 
 
 # --- torch -----------------------------------------------------------------------------------------------------------------
@@ -281,22 +228,19 @@ def test_operators_pass_torchs_own_checks():
     packed, positions, triangles = on_device(*drawing("size_63x63"))
     points, three = torch.rand(9, 3, device=DEVICE), torch.rand(3, device=DEVICE)
     attributes = random_attributes(1, positions.shape[1], 5).to(DEVICE)
-
-    def new(*shape: int) -> torch.Tensor:
-        return torch.empty(shape, device=DEVICE)
-
+    images = (DEFAULT, torch.empty(*packed.shape, attributes.shape[2], device=DEVICE))
     arguments = {
-        "interpolate": (packed, positions, triangles, attributes, "exact", new(*packed.shape, 5)),
-        "barycentrics": (packed, positions, triangles, "exact", new(*packed.shape, 3)),
+        "interpolate": (packed, positions, triangles, attributes, *images),
+        "barycentrics": (packed, positions, triangles, DEFAULT, torch.empty(*packed.shape, 3, device=DEVICE)),
         "sample_texture": (
             torch.rand(7, 5, 3, device=DEVICE),
             torch.rand(20, 2, device=DEVICE),
             "bilinear",
             "repeat",
-            new(20, 3),
+            torch.empty(20, 3, device=DEVICE),
         ),
-        "lambert": (points, points.clone(), three, points[:2].clone(), points[:2].clone(), new(9, 3)),
-        "encode_srgb": (points, torch.tensor(encode_thresholds()), torch.empty(9, 3, dtype=torch.uint8, device=DEVICE)),
+        "lambert": (points, points.clone(), three, points[:2].clone(), points[:2].clone(), torch.empty_like(points)),
+        "encode_srgb": (points, torch.tensor(encode_thresholds()), torch.empty_like(points, dtype=torch.uint8)),
     }
     for name, values in arguments.items():
         given, named = split(name, values)

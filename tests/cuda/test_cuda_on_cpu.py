@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable
 from pathlib import Path
 
 import cuda_on_cpu
@@ -12,6 +13,7 @@ import torch
 from cases import CASES, Case
 from cuda_bits import CONSTRUCTIONS, PATHS
 from cuda_on_cpu import VARIANTS, VARIANTS_OF, Job
+from exhaustive import exhaustive
 
 import bigtri
 from bigtri import native, reference
@@ -36,6 +38,8 @@ SETTINGS = {
     "few": (0, 1, 64, 256),
     "some": (0, 4096, 65536),
 }
+# Ways through the kernels, and with them every value of those settings that choose one.
+WAYS = ({"few": 256}, {"few": 64, "some": 4096}, {"few": 0, "some": 65536}, {"few": 1, "some": 0})
 ODD = (
     "behind_camera",
     "guard_band",
@@ -73,9 +77,33 @@ def job(
     return Job(given, seen.packed.numpy(), seen.depth.numpy(), count, variant, settings, cull, scissor)
 
 
-def assert_right(jobs: list[Job]) -> None:
-    said = cuda_on_cpu.differences_in_child(cuda_on_cpu.kernels(), jobs)
+def assert_right(jobs: list[Job], first: int = 0) -> None:
+    """first: the number of the first job, which chooses orders of threads."""
+    said = cuda_on_cpu.differences_in_children(cuda_on_cpu.kernels(), jobs, first)
     assert not said, said
+
+
+def read_by(variant: str) -> tuple[str, ...]:
+    """Its parameters; not persistent's blocks, of which there is always one here."""
+    names = cuda_on_cpu.parameters(cuda_on_cpu.kernels(), variant)
+    return tuple(name for name in names if (variant, name) != ("persistent", "blocks"))
+
+
+def as_read(variant: str, settings: Iterable[dict[str, int]]) -> list[dict[str, int]]:
+    """Of settings such as differ for the variant."""
+    kept = [{field: value for field, value in s.items() if field in read_by(variant)} for s in settings]
+    return [s for n, s in enumerate(kept) if s not in kept[:n]]
+
+
+def covering(variant: str, rng: np.random.Generator) -> list[dict[str, int]]:
+    """Settings in which each value of each one that the variant reads is there with each way through it."""
+    rows = []
+    for way in as_read(variant, WAYS):
+        free = {field: SETTINGS[field] for field in read_by(variant) if field not in WAYS[-1]}
+        most = max(map(len, free.values()))
+        columns = {field: rng.permutation(np.resize(values, most)) for field, values in free.items()}
+        rows += [{**way, **{field: int(column[n]) for field, column in columns.items()}} for n in range(most)]
+    return rows
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -84,7 +112,7 @@ def test_every_case(name: str, variant: str) -> None:
     case = case_of(name)
     if np.prod(case.resolution) > PIXELS:
         pytest.skip("large")
-    assert_right([job(case, variant, settings) for settings in PATHS.values()])
+    assert_right([job(case, variant, s) for s in as_read(variant, PATHS.values())], list(CASES).index(name))
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -94,21 +122,38 @@ def test_culling_and_scissor(name: str, variant: str) -> None:
     height, width = case.resolution
     boxes = (None, (3, 5, width - 2, height - 9), (63, 1, 66, height), (-7, -7, 5, 5), (9, 9, 9, 20))
     how = list(zip([*CULLS, *CULLS], boxes, strict=False))
-    assert_right([job(case, variant, settings, cull=c, scissor=b) for settings in PATHS.values() for c, b in how])
+    assert_right([job(case, variant, s, cull=c, scissor=b) for s in as_read(variant, PATHS.values()) for c, b in how])
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("name", ODD)
 def test_launch_settings_change_no_bit(name: str, variant: str) -> None:
+    rows = covering(variant, np.random.default_rng(list(name.encode())))
+    assert_right([job(case_of(name), variant, settings) for settings in rows])
+
+
+@exhaustive
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", ODD)
+def test_many_launch_settings_change_no_bit(name: str, variant: str) -> None:
+    """Any settings together, and each one alone."""
     rng = np.random.default_rng(list(name.encode()))
     drawn = [{field: int(rng.choice(values)) for field, values in SETTINGS.items()} for _ in range(24)]
     alone = [{field: value} for field, values in SETTINGS.items() for value in values]
-    assert_right([job(case_of(name), variant, settings) for settings in (*drawn, *alone)])
+    assert_right([job(case_of(name), variant, settings) for settings in as_read(variant, (*drawn, *alone))])
 
 
 def test_every_setting_is_tried() -> None:
     library = cuda_on_cpu.kernels()
     assert set(SETTINGS) == {name for variant in VARIANTS for name in cuda_on_cpu.parameters(library, variant)}
+    for variant in VARIANTS:
+        rows = covering(variant, np.random.default_rng(0))
+        for way in as_read(variant, WAYS):
+            there = [row for row in rows if way.items() <= row.items()]
+            for field in set(read_by(variant)) - set(WAYS[-1]):
+                assert {row[field] for row in there} == set(SETTINGS[field]), (variant, way, field)
+    for field in WAYS[-1]:
+        assert {way[field] for way in WAYS if field in way} == set(SETTINGS[field]), field
 
 
 @pytest.mark.parametrize(
@@ -122,7 +167,7 @@ def test_every_rung(name: str, rung: str, variant: str) -> None:
     bits = (packed >> 32).astype(np.uint32)
     depth = np.where(packed == BACKGROUND, np.float32(np.inf), bits.view(np.float32))
     jobs = [Job(case, packed, depth, dropped, variant, settings) for settings in ({}, {"queue": 1}, {"threshold": 4000})]
-    said = cuda_on_cpu.differences_in_child(cuda_on_cpu.kernels(rung), jobs)
+    said = cuda_on_cpu.differences_in_children(cuda_on_cpu.kernels(rung), jobs)
     assert not said, said
 
 
@@ -131,7 +176,7 @@ def test_views_of_one_mesh(variant: str) -> None:
     """Each view is drawn as if it were alone, whatever the one before it has left in the scratch memory."""
     case = case_of("mixed")
     views = case.positions * np.array([[[1, 1, 1, 1]], [[-1, 0.5, 1, 1]], [[0.1, 0.1, 1, 1]]], np.float32)
-    for settings in PATHS.values():
+    for settings in as_read(variant, PATHS.values()):
         alone = [job(case._replace(positions=positions), variant, settings) for positions in views]
         packed, depth = np.stack([view.packed for view in alone]), np.stack([view.depth for view in alone])
         dropped = sum(view.dropped for view in alone)
@@ -148,15 +193,16 @@ def test_an_index_out_of_range_is_dropped_and_counted(index: int | str, variant:
     wrong[which, np.arange(11) % 3] = len(case.positions) if isinstance(index, str) else index
     finite = np.isfinite(case.positions[case.triangles]).all(axis=(1, 2))
     dropped = int((~finite).sum() + finite[which].sum())
-    assert_right([job(case._replace(triangles=without), variant, s, triangles=wrong, dropped=dropped) for s in PATHS.values()])
+    paths, seen = as_read(variant, PATHS.values()), case._replace(triangles=without)
+    assert_right([job(seen, variant, s, triangles=wrong, dropped=dropped) for s in paths])
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_nothing_to_draw(variant: str) -> None:
     none = Case(np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32), (70, 131))
     indices = np.zeros((1000, 3), np.int32)
-    assert_right([job(none, variant, s) for s in PATHS.values()])
-    assert_right([job(none, variant, s, triangles=indices, dropped=1000) for s in PATHS.values()])
+    for s in as_read(variant, PATHS.values()):
+        assert_right([job(none, variant, s), job(none, variant, s, triangles=indices, dropped=1000)])
 
 
 @pytest.mark.parametrize(
@@ -174,4 +220,4 @@ def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path
     library = cuda_on_cpu.build(tmp_path / "build", (file, old, new))
     drawn = [("mixed", "bin_owned"), ("mixed", "persistent"), ("layers", "bin_owned")]
     jobs = [job(case_of(name), variant, {"queue": 1}) for name, variant in drawn]
-    assert said in cuda_on_cpu.differences_in_child(library, jobs)
+    assert said in cuda_on_cpu.differences_in_children(library, jobs)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from exhaustive import some_of
 
 import bigtri
 from bigtri import native
@@ -29,7 +30,7 @@ def backend(request):
 
 
 # The backend varies fastest: the exact answer of one case is kept for all of them.
-@pytest.mark.parametrize("where", PLACES)
+@pytest.mark.parametrize("where", some_of(["reference", *native.isa_levels()[-1:], "cuda"], PLACES))
 @pytest.mark.parametrize("name", CASES)
 def test_case(name, where):
     if where == "reference":

@@ -1,7 +1,7 @@
 """Breaks the extension on purpose, one formula at a time, and checks that the tests fail and name the stage.
 
 The mutations are in mutants.txt, with --cuda in mutants_cuda.txt: those of the CUDA kernels, which need a GPU, or with --on-cpu
-only the headers of the CUDA toolkit (test_cuda_on_cpu.py; those in core/ are left out then). The repository is copied to a
+only the headers of the CUDA toolkit (test_cuda*_on_cpu.py; those in core/ are left out then). The repository is copied to a
 temporary directory, with one instruction set and less optimisation, so that building is quick. A mutation is KILLED if a test
 fails and names one of the stages expected; one with a reason why nothing can tell is EQUIVALENT and has to survive. The exit
 status is 1 if any verdict is another, or if a mutation has lost its place.
@@ -45,7 +45,7 @@ class Mutation(NamedTuple):
 def read_mutations(file: str) -> list[Mutation]:
     """Blocks of the file: ``name where: stages option=value``, ``- old``, ``+ new`` and, if no test can tell, ``= why``."""
     mutations = []
-    for block in re.sub(r"^#.*\n", "", ROOT.joinpath("tests", file).read_text(), flags=re.M).strip().split("\n\n"):
+    for block in re.sub(r"^#.*\n", "", ROOT.joinpath("tests/mutants", file).read_text(), flags=re.M).strip().split("\n\n"):
         header, *lines = block.strip().split("\n")
         found = HEADER.fullmatch(header)
         if not found:
@@ -118,8 +118,18 @@ class Copy:
         self.kernels = {isa: (cpu / f"isa_{isa}.cpp").read_text() for isa in ("baseline", "avx2", "avx512")}
         for isa in ("avx2", "avx512"):
             (cpu / f"isa_{isa}.cpp").unlink()
-        for file, old, new in ((cpu / "dispatch.cpp", "defined(__x86_64__)", "0"), (root / "setup.py", '"-O3"', '"-O1"')):
-            file.write_text(file.read_text().replace(old, new))
+        changes = (
+            ("bigtri/csrc/cpu/dispatch.cpp", "defined(__x86_64__)", "0"),
+            ("bigtri/csrc/cpu/kernels.cpp", "defined(__x86_64__)", "0"),
+            # Mutations are of what the rungs share, so the default alone is enough.
+            ("bigtri/csrc/core/precision.h", "X(exact) X(subpixel4)", "X(exact)"),
+            ("bigtri/precision.py", "(EXACT, SUBPIXEL4)", "(EXACT,)"),
+            ("setup.py", '"-O3"', '"-O1"'),
+        )
+        for file, old, new in changes:
+            text = (root / file).read_text()
+            assert old in text, (file, old)
+            (root / file).write_text(text.replace(old, new))
 
     def build(self, isa: str) -> None:
         if isa != self.isa:
@@ -211,10 +221,11 @@ def main() -> int:
         parser.error(f"no such mutation: {', '.join(sorted(unknown))}")
     chosen = [m for m in mutations if not arguments.only or m.name in arguments.only]
     if arguments.on_cpu:
-        chosen = [m._replace(test="cuda_on_cpu", stages=["cuda_on_cpu"]) for m in chosen if not m.where.startswith("core")]
+        names = [m.test.removesuffix("_on_cpu") + "_on_cpu" for m in chosen]
+        chosen = [m._replace(test=n, stages=[n]) for m, n in zip(chosen, names, strict=True) if not m.where.startswith("core")]
     on_gpu = arguments.cuda and not arguments.on_cpu
     if on_gpu:  # some only the order of threads that a CPU can choose brings to light
-        chosen = [m for m in chosen if m.test != "cuda_on_cpu"]
+        chosen = [m for m in chosen if not m.test.endswith("on_cpu")]
     placed = []
     for m in chosen:
         try:

@@ -4,6 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from exhaustive import some_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -163,7 +164,7 @@ def test_any_floats_at_all(corners: list[tuple[float, ...]]) -> None:
 # --- The true picture --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("decades", [0.3, 1, 3, 8, 20, 37])
+@pytest.mark.parametrize("decades", some_of([0.3, 3, 37], [0.3, 1, 3, 8, 20, 37]))
 @pytest.mark.parametrize("plain_z_and_w", [True, False])
 def test_clipping_moves_no_edge_by_more_than_a_subpixel(decades: float, plain_z_and_w: bool) -> None:
     """Triangle by triangle against its true projection; only centres within 1/256 px of its border may differ.
