@@ -251,8 +251,8 @@ def check_output(
     if not torch.compiler.is_compiling():
         for name, value in inputs.items():
             check_writable_along(op, name, value)
-    if out is None:
-        return torch.empty(shape, dtype=dtype, device=device)
+    if out is None:  # of an input's kind: beside a fake tensor a fake one
+        return next(iter(inputs.values())).new_empty(shape, dtype=dtype)
     # A NumPy array is looked at as it is: torch takes no other byte order and no negative strides.
     if isinstance(out, np.ndarray):
         if not out.flags.writeable:

@@ -102,8 +102,8 @@ def rasterize(
 
     result = arguments.check_output(op, out, torch.int64, shape, clip.device, positions=clip, triangles=faces)
     packed = result.view(views.shape[0], height, width)
-    dropped = torch.empty(views.shape[0], dtype=torch.int64, device=clip.device)
-    image = torch.empty(packed.shape, dtype=torch.float32, device=clip.device) if depth else None
+    dropped = clip.new_empty(views.shape[0], dtype=torch.int64)
+    image = clip.new_empty(packed.shape) if depth else None
     if chosen == "native":
         if validate:
             check_indices(op, faces, clip.shape[-2])
