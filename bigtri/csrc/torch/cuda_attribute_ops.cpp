@@ -44,8 +44,7 @@ void interpolate_pixels(const char* op, int device, const Tensor& packed, const 
 
 void interpolate_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, const Tensor& attributes, std::string precision,
                          const Tensor& out) {
-  interpolate_pixels("interpolate", device_of({&packed, &positions, &triangles, &attributes, &out}), packed, positions, triangles, &attributes, precision,
-                     out);
+  interpolate_pixels("interpolate", device_of({&packed, &positions, &triangles, &attributes, &out}), packed, positions, triangles, &attributes, precision, out);
 }
 
 void barycentrics_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, std::string precision, const Tensor& out) {
