@@ -89,8 +89,12 @@ def test_views_drawn_together_are_those_drawn_alone(name: str, variant: str) -> 
     case = make(name)
     views, triangles = batch_of(case), torch.from_numpy(case.triangles)
     alone = [bigtri.rasterize(view, triangles, case.resolution, backend="native") for view in views]
-    little = {"bin_owned": [{"records": 1, "candidates": 1}, {"records": 40, "candidates": 70}], "scanline": [{"share": 1}]}
-    for parameters in ({}, *little[variant]):
+    own = native.REGISTRY["cpu"]["exact"][variant].parameters.values()
+    for parameters in (
+        {},
+        {p.name: p.low for p in own},
+        {p.name: p.low + 40 for p in own if not p.only and p.low + 40 <= p.high},
+    ):
         seen = bigtri.rasterize(views, triangles, case.resolution, variant=variant, parameters=parameters)
         for b, one in enumerate(alone):
             assert same(bigtri.Visibility(seen.packed[b], seen.triangle[b], seen.depth[b], seen.dropped[b]), one), (parameters, b)
