@@ -174,6 +174,22 @@ void nested() {
   require_usable();
 }
 
+// The caller has run out of indices and waits for its workers; one of them only now makes a call of its own.
+void nested_in_the_last_body() {
+  const std::thread::id caller = std::this_thread::get_id();
+  std::atomic<int> begun{0};
+  std::atomic<int64_t> sum{0};
+  Parallel{2}(2, [&](int64_t) {
+    ++begun;
+    require(comes_true([&] { return begun == 2; }), "a worker joins");
+    if (std::this_thread::get_id() == caller) return;
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    Parallel{4}(100, [&](int64_t inner) { sum += inner; });
+  });
+  require(sum == 4950, "every inner index is called once");
+  require_usable();
+}
+
 void several_callers() {
   std::vector<std::thread> callers;
   for (int c = 0; c < 4; ++c) {
@@ -321,6 +337,7 @@ constexpr Scenario kScenarios[] = {
     {"all_throw", all_throw},
     {"throw_on_one_thread", throw_on_one_thread},
     {"nested", nested},
+    {"nested_in_the_last_body", nested_in_the_last_body},
     {"several_callers", several_callers},
 #if defined(__x86_64__)
     {"float_mode", float_mode},

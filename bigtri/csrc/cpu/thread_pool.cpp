@@ -91,11 +91,13 @@ struct ThreadPool::State {
     }
   }
 
-  // Lets workers join the job, unless the pool is busy with another one: then false.
+  // Lets workers join the job, unless the pool is busy with another one: then false. A job that was withdrawn keeps the
+  // pool busy until its last worker has left: one of them may be the caller here, from inside its body, and waiting
+  // for `active` to fall to zero it would wait for itself.
   bool post(Job* mine) {
     {
       std::lock_guard<std::mutex> lock(mutex);
-      if (job.load()) return false;
+      if (job.load() || active > 0) return false;
       try {
         for (; workers < mine->helpers; ++workers) std::thread([this] { worker(); }).detach();
       } catch (const std::system_error&) {  // no more threads to be had: fewer do
