@@ -38,9 +38,11 @@ FLOOR_HD uint64_t coverage(const int32_t* corners, int column, int row) {
     const int32_t* q = corners + 2 * ((k + 2) % 3);
     const int64_t dx = (int64_t)q[0] - p[0], dy = (int64_t)q[1] - p[1];
     const int64_t bias = dy < 0 || (dy == 0 && dx > 0) ? 0 : -1;
-    const int64_t start = dx * (256 * kTile * (int64_t)row + 128 - p[1]) - dy * (256 * kTile * (int64_t)column + 128 - p[0]) + bias;
+    const int64_t start =
+        dx * (256 * kTile * (int64_t)row + 128 - p[1]) - dy * (256 * kTile * (int64_t)column + 128 - p[0]) + bias;
     uint64_t inside = 0;
-    for (int bit = 0; bit < 64; ++bit) inside |= (uint64_t)(start + 256 * (dx * (bit >> 3) - dy * (bit & 7)) >= 0) << bit;
+    for (int bit = 0; bit < 64; ++bit)
+      inside |= (uint64_t)(start + 256 * (dx * (bit >> 3) - dy * (bit & 7)) >= 0) << bit;
     mask &= inside;
   }
   return mask;
@@ -162,7 +164,8 @@ __global__ void __launch_bounds__(kThreads) fill(const __grid_constant__ Image m
         const uint64_t mask = __shfl_sync(kAll, item.mask, s) >> (2 * lane);
         const uint32_t triangle = __shfl_sync(kAll, item.triangle, s);
         const float dzdx = __shfl_sync(kAll, p.x, s), dzdy = __shfl_sync(kAll, p.y, s), z = __shfl_sync(kAll, p.z, s);
-        const uint64_t here = packed_of(dzdx, dzdy, z, fx, fy, triangle), beside = packed_of(dzdx, dzdy, z, fx + 1, fy, triangle);
+        const uint64_t here = packed_of(dzdx, dzdy, z, fx, fy, triangle),
+                       beside = packed_of(dzdx, dzdy, z, fx + 1, fy, triangle);
         if ((mask & 1) && here < a) a = here;
         if ((mask & 2) && beside < b) b = beside;
       }
@@ -173,7 +176,8 @@ __global__ void __launch_bounds__(kThreads) fill(const __grid_constant__ Image m
       const Item item = load(m.items + i);
       const float4 p = __ldg(reinterpret_cast<const float4*>(m.planes) + item.record);
       const uint64_t mask = item.mask >> (2 * lane);
-      const uint64_t here = packed_of(p.x, p.y, p.z, fx, fy, item.triangle), beside = packed_of(p.x, p.y, p.z, fx + 1, fy, item.triangle);
+      const uint64_t here = packed_of(p.x, p.y, p.z, fx, fy, item.triangle),
+                     beside = packed_of(p.x, p.y, p.z, fx + 1, fy, item.triangle);
       if ((mask & 1) && here < a) a = here;
       if ((mask & 2) && beside < b) b = beside;
     }
@@ -190,8 +194,8 @@ __global__ void nothing() {}
 // Every function returns 0, or the number of a CUDA error. With on_host the pointers are to the host's memory and the stream is not looked at.
 extern "C" {
 
-int floor_lists(const int32_t* corners, const int32_t* boxes, const int32_t* triangles, int32_t records, int32_t columns, int32_t* count, const int32_t* first,
-                void* items, int on_host, cudaStream_t stream) {
+int floor_lists(const int32_t* corners, const int32_t* boxes, const int32_t* triangles, int32_t records,
+                int32_t columns, int32_t* count, const int32_t* first, void* items, int on_host, cudaStream_t stream) {
   const Lists l = {corners, boxes, triangles, records, columns, count, first, static_cast<Item*>(items)};
   if (on_host) {
     for (int32_t record = 0; record < records; ++record) list_record(l, record, 0, 1);
@@ -207,10 +211,11 @@ int floor_lists(const int32_t* corners, const int32_t* boxes, const int32_t* tri
 #endif
 }
 
-int floor_fill(int shuffle, uint64_t* packed, const void* items, const int32_t* first, const void* planes, int32_t width, int32_t height, int on_host,
-               cudaStream_t stream) {
+int floor_fill(int shuffle, uint64_t* packed, const void* items, const int32_t* first, const void* planes,
+               int32_t width, int32_t height, int on_host, cudaStream_t stream) {
   const int32_t columns = (width + kTile - 1) / kTile, tiles = columns * ((height + kTile - 1) / kTile);
-  const Image m = {packed, static_cast<const Item*>(items), first, static_cast<const Plane*>(planes), width, height, columns, tiles};
+  const Image m = {
+      packed, static_cast<const Item*>(items), first, static_cast<const Plane*>(planes), width, height, columns, tiles};
   if (on_host) {
     fill_on_host(m);
     return 0;
@@ -218,9 +223,11 @@ int floor_fill(int shuffle, uint64_t* packed, const void* items, const int32_t* 
 #ifdef __CUDACC__
   const unsigned blocks = (unsigned)(((int64_t)tiles * 32 + kThreads - 1) / kThreads);
   if (width % 2 == 0)
-    shuffle ? fill<true, true><<<blocks, kThreads, 0, stream>>>(m) : fill<false, true><<<blocks, kThreads, 0, stream>>>(m);
+    shuffle ? fill<true, true><<<blocks, kThreads, 0, stream>>>(m)
+            : fill<false, true><<<blocks, kThreads, 0, stream>>>(m);
   else
-    shuffle ? fill<true, false><<<blocks, kThreads, 0, stream>>>(m) : fill<false, false><<<blocks, kThreads, 0, stream>>>(m);
+    shuffle ? fill<true, false><<<blocks, kThreads, 0, stream>>>(m)
+            : fill<false, false><<<blocks, kThreads, 0, stream>>>(m);
   return cudaGetLastError();
 #else
   return -1;

@@ -66,7 +66,9 @@ struct Thread {
 };
 
 Thread threads[kMostThreads];
-uint64_t met[kMostThreads / kWarp][2][kWarp];  // what a warp's lanes brought, last time and the time before: a lane may be one meeting ahead of another
+uint64_t met
+    [kMostThreads / kWarp][2]
+    [kWarp];  // what a warp's lanes brought, last time and the time before: a lane may be one meeting ahead of another
 int sum, current;
 // Of threads between barriers: the first one first, the last one first, or in turns, each to the next barrier of its warp or block; or a warp as far as it gets before the next one runs, the first
 // or the last warp first. What depends on it lacks a barrier.
@@ -78,8 +80,8 @@ int kernel;  // how many the frame has had
 
 [[noreturn]] void fail(const char* what, int thread) {
   const Thread& t = threads[thread];
-  fprintf(stderr, "cuda_on_cpu: %s: kernel %d of the frame, block %u of %u, thread %d of %u, at %s:%d\n", what, kernel, blockIdx.x, gridDim.x, thread,
-          blockDim.x, t.file ? t.file : "its start", t.line);
+  fprintf(stderr, "cuda_on_cpu: %s: kernel %d of the frame, block %u of %u, thread %d of %u, at %s:%d\n", what, kernel,
+          blockIdx.x, gridDim.x, thread, blockDim.x, t.file ? t.file : "its start", t.line);
   _exit(2);
 }
 
@@ -119,7 +121,9 @@ void wait(State state, uint64_t value, const char* file, int line) {
 }
 
 void start(Thread* t) {
-  if (!t->stack) t->stack = static_cast<char*>(mmap(nullptr, kStackBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
+  if (!t->stack)
+    t->stack =
+        static_cast<char*>(mmap(nullptr, kStackBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
   void** top = reinterpret_cast<void**>(t->stack + kStackBytes - 64);
   *--top = nullptr;
   *--top = reinterpret_cast<void*>(thread_main);
@@ -199,7 +203,8 @@ void run_block(int count) {
 class Memory {
  public:
   Memory(size_t bytes, int fill) : bytes_((bytes + 15) / 16 * 16), pages_((bytes_ + kPage - 1) / kPage * kPage) {
-    base_ = static_cast<char*>(mmap(nullptr, pages_ + 2 * kPage, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
+    base_ = static_cast<char*>(
+        mmap(nullptr, pages_ + 2 * kPage, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
     mprotect(base_, kPage, PROT_NONE);
     mprotect(base_ + kPage + pages_, kPage, PROT_NONE);
     memset(base_ + kPage, fill, pages_);
@@ -265,7 +270,9 @@ cudaError_t cudaGetDevice(int* device) {
   return cudaSuccess;
 }
 cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {
-  *value = attribute == cudaDevAttrMultiProcessorCount ? kProcessors : attribute == cudaDevAttrL2CacheSize ? 1 << 20 : 7;
+  *value = attribute == cudaDevAttrMultiProcessorCount ? kProcessors
+           : attribute == cudaDevAttrL2CacheSize       ? 1 << 20
+                                                       : 7;
   return cudaSuccess;
 }
 cudaError_t cudaFuncGetAttributes(cudaFuncAttributes* attributes, const void*) {
@@ -291,8 +298,9 @@ const char* parameter_name(const char* variant, int i) {
 int64_t parameter_standard(const char* variant, int i) { return find_variant(variant)->parameters[i].standard; }
 
 // One image for each of `views`; view: width, height, scissor x0 y0 x1 y1, cull. depth may be null. 0, or what was refused.
-int draw_on_cpu(const char* variant, int32_t views, const float* positions, int64_t vertices, const int32_t* triangles, int32_t count, const int32_t* view,
-                const int64_t* values, int64_t* packed, float* depth, int64_t* dropped) {
+int draw_on_cpu(const char* variant, int32_t views, const float* positions, int64_t vertices, const int32_t* triangles,
+                int32_t count, const int32_t* view, const int64_t* values, int64_t* packed, float* depth,
+                int64_t* dropped) {
   using namespace bigtri;
   handle_faults();
   const CudaVariant* chosen = find_variant(variant);
@@ -300,7 +308,8 @@ int draw_on_cpu(const char* variant, int32_t views, const float* positions, int6
   for (int i = 0; chosen->parameters[i].name; ++i)
     if (!chosen->parameters[i].allows(values[i])) return 2;
   const size_t pixels = (size_t)views * view[0] * view[1];
-  const Memory p(views * vertices * 16, 0), t((size_t)count * 12, 0), image(pixels * 8, 0x33), depths(pixels * 4, 0x33), drops(views * 8, 0x33);
+  const Memory p(views * vertices * 16, 0), t((size_t)count * 12, 0), image(pixels * 8, 0x33), depths(pixels * 4, 0x33),
+      drops(views * 8, 0x33);
   if (vertices) memcpy(p.of<float>(), positions, views * vertices * 16);
   if (count) memcpy(t.of<int32_t>(), triangles, (size_t)count * 12);
   Frame f = {};
@@ -324,14 +333,16 @@ int draw_on_cpu(const char* variant, int32_t views, const float* positions, int6
 
 // Interpolation in the rung; 0, or what the launch said. sizes: views, height, width, vertices of a view, triangles, channels, and views of the attributes, or 0 for the
 // weights.
-int interpolate_on_cpu(const int64_t* packed, const float* positions, const int32_t* triangles, const float* attributes, const int64_t* sizes, float* out) {
+int interpolate_on_cpu(const int64_t* packed, const float* positions, const int32_t* triangles, const float* attributes,
+                       const int64_t* sizes, float* out) {
   using namespace bigtri;
   handle_faults();
   const int64_t views = sizes[0], pixels = sizes[1] * sizes[2], vertices = sizes[3], channels = sizes[5];
   const Copied<int64_t> buffer(packed, views * pixels);
   const Copied<float> clip_space(positions, views * vertices * 4), given(attributes, sizes[6] * vertices * channels);
   const Copied<int32_t> indices(triangles, sizes[4] * 3);
-  const Memory result(views * pixels * channels * 4, 0x33), scratch(interpolation_scratch(views, sizes[1], sizes[2]), 0x7f);
+  const Memory result(views * pixels * channels * 4, 0x33),
+      scratch(interpolation_scratch(views, sizes[1], sizes[2]), 0x7f);
   Interpolation job = {};
   job.packed = buffer.get();
   job.positions = clip_space.get();
@@ -360,20 +371,22 @@ int sample_on_cpu(const float* texture, const float* uv, const int64_t* sizes, f
   const Copied<float> texels(texture, sizes[0] * sizes[1] * sizes[2]), coordinates(uv, 2 * sizes[3]);
   const Memory result(sizes[3] * sizes[2] * 4, 0x33);
   kernel = 0;
-  const cudaError_t error = sample_cuda(texels.get(), (int)sizes[0], (int)sizes[1], sizes[2], coordinates.get(), sizes[3], (Filter)sizes[4], (Wrap)sizes[5],
-                                        result.of<float>(), nullptr);
+  const cudaError_t error = sample_cuda(texels.get(), (int)sizes[0], (int)sizes[1], sizes[2], coordinates.get(),
+                                        sizes[3], (Filter)sizes[4], (Wrap)sizes[5], result.of<float>(), nullptr);
   memcpy(out, result.of<float>(), sizes[3] * sizes[2] * 4);
   return error;
 }
 
-int lambert_on_cpu(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights, int64_t count,
-                   float* out) {
+int lambert_on_cpu(const float* normals, const float* albedo, const float* ambient, const float* directions,
+                   const float* colors, int64_t lights, int64_t count, float* out) {
   using namespace bigtri;
   handle_faults();
-  const Copied<float> n(normals, 3 * count), a(albedo, 3 * count), everywhere(ambient, 3), to_light(directions, 3 * lights), of_light(colors, 3 * lights);
+  const Copied<float> n(normals, 3 * count), a(albedo, 3 * count), everywhere(ambient, 3),
+      to_light(directions, 3 * lights), of_light(colors, 3 * lights);
   const Memory result(12 * count, 0x33);
   kernel = 0;
-  const cudaError_t error = lambert_cuda(n.get(), a.get(), everywhere.get(), to_light.get(), of_light.get(), lights, count, result.of<float>(), nullptr);
+  const cudaError_t error = lambert_cuda(n.get(), a.get(), everywhere.get(), to_light.get(), of_light.get(), lights,
+                                         count, result.of<float>(), nullptr);
   memcpy(out, result.of<float>(), 12 * count);
   return error;
 }

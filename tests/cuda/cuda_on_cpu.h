@@ -59,10 +59,12 @@ inline unsigned ballot(bool v, const char* file, int line) {
 #define __any_sync(mask, v) (ballot((v), __FILE__, __LINE__) != 0)
 #define __shfl_sync(mask, v, lane) value_of_lane((v), (unsigned)(lane), __FILE__, __LINE__)
 #define __shfl_xor_sync(mask, v, step) value_of_lane((v), threadIdx.x ^ (unsigned)(step), __FILE__, __LINE__)
-#define __shfl_down_sync(mask, v, step) \
-  value_of_lane((v), (threadIdx.x & 31) + (unsigned)(step) > 31 ? threadIdx.x : threadIdx.x + (unsigned)(step), __FILE__, __LINE__)
-#define __shfl_up_sync(mask, v, step) \
-  value_of_lane((v), (threadIdx.x & 31) < (unsigned)(step) ? threadIdx.x : threadIdx.x - (unsigned)(step), __FILE__, __LINE__)
+#define __shfl_down_sync(mask, v, step)                                                                         \
+  value_of_lane((v), (threadIdx.x & 31) + (unsigned)(step) > 31 ? threadIdx.x : threadIdx.x + (unsigned)(step), \
+                __FILE__, __LINE__)
+#define __shfl_up_sync(mask, v, step)                                                                                \
+  value_of_lane((v), (threadIdx.x & 31) < (unsigned)(step) ? threadIdx.x : threadIdx.x - (unsigned)(step), __FILE__, \
+                __LINE__)
 #define __syncthreads() ((void)block_sum(0, __FILE__, __LINE__))
 #define __syncthreads_or(v) (block_sum((v) ? 1 : 0, __FILE__, __LINE__) > 0)
 #define __syncthreads_count(v) block_sum((v) ? 1 : 0, __FILE__, __LINE__)
@@ -82,10 +84,13 @@ void __stcs(T* p, T v) {
 }
 inline int __float_as_int(float v) { return from_bits<int>(to_bits(v)); }
 inline float __int_as_float(int v) { return from_bits<float>(to_bits(v)); }
-inline uint32_t __funnelshift_l(uint32_t low, uint32_t high, uint32_t shift) { return (uint32_t)((((uint64_t)high << 32 | low) << (shift & 31)) >> 32); }
+inline uint32_t __funnelshift_l(uint32_t low, uint32_t high, uint32_t shift) {
+  return (uint32_t)((((uint64_t)high << 32 | low) << (shift & 31)) >> 32);
+}
 inline uint32_t __byte_perm(uint32_t low, uint32_t high, uint32_t selector) {
   uint32_t v = 0;
-  for (int i = 0; i < 4; ++i) v |= (uint32_t)(((uint64_t)high << 32 | low) >> (8 * (selector >> (4 * i) & 7)) & 0xff) << (8 * i);
+  for (int i = 0; i < 4; ++i)
+    v |= (uint32_t)(((uint64_t)high << 32 | low) >> (8 * (selector >> (4 * i) & 7)) & 0xff) << (8 * i);
   return v;
 }
 inline int __ffs(unsigned v) { return __builtin_ffs((int)v); }

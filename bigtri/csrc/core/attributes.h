@@ -7,7 +7,9 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
 // e_k at the centre of pixel (x, y), as float64: exact, since |e| < 2^50.
-BIGTRI_HD double edge_at(const Primitive& p, int k, int32_t x, int32_t y) { return (double)edge_value(edge_of(p.x, p.y, k), pixel_centre(x), pixel_centre(y)); }
+BIGTRI_HD double edge_at(const Primitive& p, int k, int32_t x, int32_t y) {
+  return (double)edge_value(edge_of(p.x, p.y, k), pixel_centre(x), pixel_centre(y));
+}
 
 // From e_k to the weights of the record's vertices (not clipped) or of the slots (clipped), in that order, not yet rounded to float32. D is double or a vector of doubles.
 template <int kRecords, class D>

@@ -6,7 +6,9 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-BIGTRI_HD bool is_large(int x0, int y0, int x1, int y1, int64_t threshold) { return (int64_t)(x1 - x0) * (y1 - y0) > threshold; }
+BIGTRI_HD bool is_large(int x0, int y0, int x1, int y1, int64_t threshold) {
+  return (int64_t)(x1 - x0) * (y1 - y0) > threshold;
+}
 
 // The bins that a record or primitive touches by its bbox, row by row.
 struct BinBox {
@@ -32,8 +34,12 @@ struct BinEdge {
 };
 
 // The extremes of a linear function over a square of centres that starts at value f. At most 63 * (2^24 + 2^24) are added: below 2^31.
-BIGTRI_HD int64_t lowest_of(int64_t f, int32_t sx, int32_t sy, int last) { return f + last * (min_of(sx, 0) + min_of(sy, 0)); }
-BIGTRI_HD int64_t highest_of(int64_t f, int32_t sx, int32_t sy, int last) { return f + last * (max_of(sx, 0) + max_of(sy, 0)); }
+BIGTRI_HD int64_t lowest_of(int64_t f, int32_t sx, int32_t sy, int last) {
+  return f + last * (min_of(sx, 0) + min_of(sy, 0));
+}
+BIGTRI_HD int64_t highest_of(int64_t f, int32_t sx, int32_t sy, int last) {
+  return f + last * (max_of(sx, 0) + max_of(sy, 0));
+}
 
 // The same over last_x + 1 by last_y + 1 centres; F is int32 where that holds f.
 template <class F>

@@ -61,7 +61,8 @@ BIGTRI_HD double meet(const Plane& plane, const double u[4], const double v[4], 
 
 // The vertex where the plane cuts the polygon edge from a to b, which it separates: |dq| * p + |dp| * q with the distances written out, a sum that may cancel completely.
 // Symmetric in p and q, bit for bit.
-BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVertex slots[3], const ClipVertex& a, const ClipVertex& b) {
+BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVertex slots[3], const ClipVertex& a,
+                              const ClipVertex& b) {
   ClipVertex n;
   n.edges = a.edges & b.edges;
   n.made = (1u << plane_index) | (a.made & b.made);
@@ -116,7 +117,8 @@ BIGTRI_HD ClipVertex make_slot(const float v[3][4], int first, int k) {
 
 // Clips a triangle that no plane rejects outright. outside: the planes that at least one vertex is outside of. Returns the number of vertices
 // in polygon, 0 if nothing is left. first: the corner that became slot 0.
-BIGTRI_HD int clip_triangle(const float v[3][4], uint32_t outside, int width, int height, ClipVertex polygon[kMaxPolygon], int* first) {
+BIGTRI_HD int clip_triangle(const float v[3][4], uint32_t outside, int width, int height,
+                            ClipVertex polygon[kMaxPolygon], int* first) {
   *first = first_slot(v);
   ClipVertex slots[3], other[kMaxPolygon];
   for (int k = 0; k < 3; ++k) {

@@ -27,7 +27,8 @@ BIGTRI_HD D plane_column(double dzdx, D i) {
 BIGTRI_HD float finish_depth(double z, float zmin, float zmax) {
   const float f = (float)z;
 #if defined(__CUDA_ARCH__)
-  return fminf(fmaxf(f, zmin), zmax) + 0.0f;  // an instruction each; they may differ in the sign of a zero, which the addition takes away
+  return fminf(fmaxf(f, zmin), zmax) +
+         0.0f;  // an instruction each; they may differ in the sign of a zero, which the addition takes away
 #else
   return min_of(max_of(f, zmin), zmax) + 0.0f;
 #endif
@@ -44,7 +45,8 @@ BIGTRI_HD double corner_plane(const CellPlane& p, int i, int j, int last_x, int 
   return plane_row<double>(p.zcell, p.dzdy, exact_double(y)) + plane_column<double>(p.dzdx, exact_double(x));
 }
 
-BIGTRI_HD float corner_depth(const CellPlane& p, float zmin, float zmax, int i, int j, int last_x, int last_y, bool farthest) {
+BIGTRI_HD float corner_depth(const CellPlane& p, float zmin, float zmax, int i, int j, int last_x, int last_y,
+                             bool farthest) {
   return finish_depth(corner_plane(p, i, j, last_x, last_y, farthest), zmin, zmax);
 }
 
@@ -71,11 +73,13 @@ BIGTRI_HD DepthGradient depth_gradient(const int32_t x[3], const int32_t y[3], c
     gy[k] = (double)kSubpixel * e.dx;
   }
   const double z0 = z[0], z1 = z[1], z2 = z[2];
-  return {weighted_depth<double>(gx[0], gx[1], gx[2], z0, z1, z2, area), weighted_depth<double>(gy[0], gy[1], gy[2], z0, z1, z2, area)};
+  return {weighted_depth<double>(gx[0], gx[1], gx[2], z0, z1, z2, area),
+          weighted_depth<double>(gy[0], gy[1], gy[2], z0, z1, z2, area)};
 }
 
 // Through the unbiased edge values at the centre of pixel (x, y): the plane's anchor for a cell, or the depth itself of a thin triangle.
-BIGTRI_HD double depth_at(const int32_t px[3], const int32_t py[3], const float z[3], const Divisor& area, int32_t x, int32_t y) {
+BIGTRI_HD double depth_at(const int32_t px[3], const int32_t py[3], const float z[3], const Divisor& area, int32_t x,
+                          int32_t y) {
   double g[3];
   for (int k = 0; k < 3; ++k) g[k] = (double)edge_value(edge_of(px, py, k), pixel_centre(x), pixel_centre(y));
   return weighted_depth<double, double, double>(g[0], g[1], g[2], z[0], z[1], z[2], area);

@@ -23,13 +23,13 @@ inline namespace BIGTRI_NAMESPACE {
 using Rung = rungs::BIGTRI_RUNG;
 
 constexpr int kSubpixelBits = Rung::kSubpixelBits;
-constexpr int kSubpixel = 1 << kSubpixelBits;     // 1 px in subpx
-constexpr int kHalf = kSubpixel / 2;              // half a pixel
+constexpr int kSubpixel = 1 << kSubpixelBits;  // 1 px in subpx
+constexpr int kHalf = kSubpixel / 2;  // half a pixel
 constexpr int kGuard = 1 << (15 + kSubpixelBits);  // X and Y lie in [-kGuard, kGuard - 1] subpx
 // Every bound below is for 8 bits and holds for fewer, which make all integers smaller.
 static_assert(kSubpixelBits <= 8, "more sub-pixel bits need wider integers");
 constexpr int64_t kLargeThreshold = 4000;  // px of bbox; not above: the direct path
-constexpr int64_t kThinRatio = 32;         // numerics.md 7
+constexpr int64_t kThinRatio = 32;  // numerics.md 7
 
 // Where in its pixel a sample lies, subpx from the pixel's corner.
 struct SamplePoint {
@@ -49,7 +49,9 @@ BIGTRI_HD Edge edge_of(const int32_t x[3], const int32_t y[3], int k) {
 }
 
 // Products of two such differences: e fits 50 bits, int64 is exact.
-BIGTRI_HD int64_t edge_value(const Edge& e, int32_t sx, int32_t sy) { return (int64_t)e.dx * (sy - e.py) - (int64_t)e.dy * (sx - e.px); }
+BIGTRI_HD int64_t edge_value(const Edge& e, int32_t sx, int32_t sy) {
+  return (int64_t)e.dx * (sy - e.py) - (int64_t)e.dy * (sx - e.px);
+}
 
 // Top-left rule: 0 where the edge owns the samples on it, else -1.
 BIGTRI_HD int64_t edge_bias(const Edge& e) { return ((e.dy < 0) | ((e.dy == 0) & (e.dx > 0))) - 1; }  // no branches
@@ -66,7 +68,9 @@ BIGTRI_HD int64_t edge_steps(const Edge& e, int32_t x, int32_t y, SamplePoint at
 }
 
 // Twice the signed area, subpx^2; > 0 is clockwise on the screen (y down).
-BIGTRI_HD int64_t twice_area(const int32_t x[3], const int32_t y[3]) { return (int64_t)(x[1] - x[0]) * (y[2] - y[0]) - (int64_t)(y[1] - y[0]) * (x[2] - x[0]); }
+BIGTRI_HD int64_t twice_area(const int32_t x[3], const int32_t y[3]) {
+  return (int64_t)(x[1] - x[0]) * (y[2] - y[0]) - (int64_t)(y[1] - y[0]) * (x[2] - x[0]);
+}
 
 // Of a number from 0 on. A GPU adds faster than it converts: 2^52 + v is the bits of 2^52 with v in the lowest ones.
 BIGTRI_HD double exact_double(int v) {

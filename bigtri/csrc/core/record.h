@@ -24,7 +24,9 @@ constexpr uint32_t kRecordLarge = 1, kRecordThin = 2, kRecordFar = 4;  // far: z
 // 8 px beyond it, |e| <= 2 * D * (D + 2^11), so |f| < 2^30. A small bbox alone is not enough: the screen may have cut it from a huge triangle.
 constexpr int32_t kDirectExtent = 1024 * kSubpixel;
 
-BIGTRI_HD int32_t extent(const int32_t v[3]) { return max_of(max_of(v[0], v[1]), v[2]) - min_of(min_of(v[0], v[1]), v[2]); }
+BIGTRI_HD int32_t extent(const int32_t v[3]) {
+  return max_of(max_of(v[0], v[1]), v[2]) - min_of(min_of(v[0], v[1]), v[2]);
+}
 BIGTRI_HD int32_t extent_of(const Primitive& p) { return max_of(extent(p.x), extent(p.y)); }
 
 BIGTRI_HD void fill_record(const Primitive& p, int64_t triangle, Record* r, int64_t threshold = kLargeThreshold) {
@@ -45,7 +47,8 @@ BIGTRI_HD void fill_record(const Primitive& p, int64_t triangle, Record* r, int6
   r->x1 = p.x1;
   r->y1 = p.y1;
   const bool large = is_large(p.x0, p.y0, p.x1, p.y1, threshold) || extent_of(p) > kDirectExtent;
-  r->flags = (large ? kRecordLarge : 0) | (is_thin(p.x, p.y, p.area) ? kRecordThin : 0) | (r->zmax > 1.0f ? kRecordFar : 0);
+  r->flags =
+      (large ? kRecordLarge : 0) | (is_thin(p.x, p.y, p.area) ? kRecordThin : 0) | (r->zmax > 1.0f ? kRecordFar : 0);
 }
 
 }  // namespace BIGTRI_NAMESPACE

@@ -9,12 +9,12 @@ inline namespace BIGTRI_NAMESPACE {
 // Records of a parent, with what attributes need.
 template <int kRecords>
 struct ParentOf {
-  int count;     // records
+  int count;  // records
   bool clipped;
-  bool affine;   // not clipped, and all w equal
-  int first;     // clipped: the corner that is slot 0
+  bool affine;  // not clipped, and all w equal
+  int first;  // clipped: the corner that is slot 0
   Primitive primitive[kRecords];
-  double w[kRecords][3];           // of the record's vertices
+  double w[kRecords][3];  // of the record's vertices
   double weights[kRecords][3][3];  // clipped: homogeneous, over the slots
 };
 using Parent = ParentOf<kMaxSubTriangles>;  // all of them; a GPU has no room for so many in every thread
@@ -27,7 +27,8 @@ BIGTRI_HD int corner_of(const ParentOf<kRecords>& p, int record, int k) {
 
 // w and weights of a record that is sub-triangle s of a fan.
 template <int kRecords>
-BIGTRI_HD void set_fan_weights(const ClipVertex* polygon, int apex, int count, int s, int record, ParentOf<kRecords>* out) {
+BIGTRI_HD void set_fan_weights(const ClipVertex* polygon, int apex, int count, int s, int record,
+                               ParentOf<kRecords>* out) {
   int index[3];
   fan_vertices(apex, count, s, index);
   for (int k = 0; k < 3; ++k) {
@@ -86,7 +87,8 @@ BIGTRI_HD Fate expand_triangle(const Frame& f, int64_t t, Parent* out) {
 
 // Not a loop: nvcc does not unroll one that may end early, and keeps in slow memory what is then indexed.
 BIGTRI_HD bool covers(const Primitive& p, int32_t x, int32_t y) {
-  return edge_steps(edge_of(p.x, p.y, 0), x, y) >= 0 && edge_steps(edge_of(p.x, p.y, 1), x, y) >= 0 && edge_steps(edge_of(p.x, p.y, 2), x, y) >= 0;
+  return edge_steps(edge_of(p.x, p.y, 0), x, y) >= 0 && edge_steps(edge_of(p.x, p.y, 1), x, y) >= 0 &&
+         edge_steps(edge_of(p.x, p.y, 2), x, y) >= 0;
 }
 
 // First record in fan order that covers the pixel, -1 if none does.

@@ -74,7 +74,8 @@ BIGTRI_HD float float_quotient(float z, const Divisor& w) {
 // Inside the view frustum, whose planes all six clip planes lie outside of or on: most vertices, for seven comparisons. A NaN is not; an infinite w would be.
 BIGTRI_HD bool in_frustum(const float v[4]) {
   const float w = v[3];
-  return (w > 0) & (w < kInfinity) & (v[0] <= w) & (v[0] >= -w) & (v[1] <= w) & (v[1] >= -w) & (v[2] <= w) & (v[2] >= -w);
+  return (w > 0) & (w < kInfinity) & (v[0] <= w) & (v[0] >= -w) & (v[1] <= w) & (v[1] >= -w) & (v[2] <= w) &
+         (v[2] >= -w);
 }
 
 BIGTRI_HD uint32_t vertex_flags(const float v[4], int width, int height) {
@@ -89,7 +90,8 @@ BIGTRI_HD uint32_t vertex_flags(const float v[4], int width, int height) {
 
 BIGTRI_HD Vertex project_vertex(const float v[4], int width, int height) {
   const Divisor w = divisor(v[3]);
-  return {snap_x(v[0], w, width), snap_y(v[1], w, height), window_depth(float_quotient(v[2], w)), vertex_flags(v, width, height)};
+  return {snap_x(v[0], w, width), snap_y(v[1], w, height), window_depth(float_quotient(v[2], w)),
+          vertex_flags(v, width, height)};
 }
 
 // Element i of three. Not an array: a GPU keeps those that are indexed with what it cannot know in slow memory.
@@ -99,7 +101,8 @@ BIGTRI_HD T pick(const T v[3], int i) {
 }
 
 // false: nothing to draw (zero area, culled, or no pixel centre within the bounds).
-BIGTRI_HD bool make_primitive(const int32_t x[3], const int32_t y[3], const float z[3], const Viewport& view, Primitive* out) {
+BIGTRI_HD bool make_primitive(const int32_t x[3], const int32_t y[3], const float z[3], const Viewport& view,
+                              Primitive* out) {
   const int64_t area = twice_area(x, y);
   if (area == 0) return false;
   if (view.cull == (area > 0 ? kCullBack : kCullFront)) return false;
@@ -148,7 +151,7 @@ struct Fan {
   Vertex projected[kMaxPolygon];
   int count;  // vertices
   int first;  // corner that is slot 0
-  int apex;   // vertex that all sub-triangles share
+  int apex;  // vertex that all sub-triangles share
 };
 
 BIGTRI_HD bool fan_less(const Vertex& a, double aw, const Vertex& b, double bw) {
@@ -180,7 +183,8 @@ BIGTRI_HD void fan_vertices(int apex, int count, int s, int index[3]) {
 }
 
 // Sub-triangle s; projected: the polygon's vertices.
-BIGTRI_HD bool fan_primitive(const Vertex* projected, int apex, int count, int s, const Viewport& view, Primitive* out) {
+BIGTRI_HD bool fan_primitive(const Vertex* projected, int apex, int count, int s, const Viewport& view,
+                             Primitive* out) {
   int index[3];
   fan_vertices(apex, count, s, index);
   int32_t x[3], y[3];

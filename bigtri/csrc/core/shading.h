@@ -12,8 +12,8 @@ BIGTRI_HD float square_root(float v) { return __builtin_sqrtf(v); }
 #endif
 
 // directions, colors [lights, 3]; normal, albedo, ambient, out [3].
-BIGTRI_HD void lambert(const float normal[3], const float albedo[3], const float ambient[3], const float* directions, const float* colors, int64_t lights,
-                       float out[3]) {
+BIGTRI_HD void lambert(const float normal[3], const float albedo[3], const float ambient[3], const float* directions,
+                       const float* colors, int64_t lights, float out[3]) {
   const float s = (normal[0] * normal[0] + normal[1] * normal[1]) + normal[2] * normal[2];
   float n[3] = {0.0f, 0.0f, 0.0f};
   if (s > 0.0f && is_finite(s)) {

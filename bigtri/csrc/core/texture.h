@@ -32,12 +32,14 @@ BIGTRI_HD int wrap_texel(int i, int size, Wrap wrap) {
 }
 
 // texture [height, width, channels]; out [channels].
-BIGTRI_HD void sample(const float* texture, int height, int width, int64_t channels, float u, float v, Filter filter, Wrap wrap, float* out) {
+BIGTRI_HD void sample(const float* texture, int height, int width, int64_t channels, float u, float v, Filter filter,
+                      Wrap wrap, float* out) {
   if (!(is_finite(u) && is_finite(v))) u = v = 0.0f;
   u = wrap_coordinate(u, wrap);
   v = wrap_coordinate(v, wrap);
   if (filter == Filter::kNearest) {
-    const int x = min_of((int)floor_small(u * (float)width), width - 1), y = min_of((int)floor_small((1.0f - v) * (float)height), height - 1);
+    const int x = min_of((int)floor_small(u * (float)width), width - 1),
+              y = min_of((int)floor_small((1.0f - v) * (float)height), height - 1);
     const float* texel = texture + ((int64_t)y * width + x) * channels;
     for (int64_t c = 0; c < channels; ++c) out[c] = texel[c];
     return;

@@ -17,7 +17,9 @@ BIGTRI_HD uint64_t bbox_tiles(int x0, int y0, int x1, int y1) {
 }
 
 // f at a tile's first centre.
-BIGTRI_HD int32_t tile_edge(const NarrowEdge& e, int column, int row) { return e.f + (kTile * column) * e.sx + (kTile * row) * e.sy; }
+BIGTRI_HD int32_t tile_edge(const NarrowEdge& e, int column, int row) {
+  return e.f + (kTile * column) * e.sx + (kTile * row) * e.sy;
+}
 
 // What to add to it for the extremes over the tile's 64 centres.
 BIGTRI_HD int32_t tile_highest(const NarrowEdge& e) { return (kTile - 1) * (max_of(e.sx, 0) + max_of(e.sy, 0)); }

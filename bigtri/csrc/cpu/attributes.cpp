@@ -13,7 +13,8 @@ void interpolate_views(const AttributeJob& job, const Parallel& parallel) {
   const int64_t rows = job.views * job.height, blocks = std::min<int64_t>(rows, 8 * parallel.threads);
   parallel(blocks, [&](int64_t block) {
     Parent scratch;
-    for (int64_t y = rows * block / blocks; y < rows * (block + 1) / blocks; ++y) kernels.interpolate_row(job, y / job.height, y % job.height, &scratch);
+    for (int64_t y = rows * block / blocks; y < rows * (block + 1) / blocks; ++y)
+      kernels.interpolate_row(job, y / job.height, y % job.height, &scratch);
   });
 }
 

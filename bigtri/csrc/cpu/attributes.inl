@@ -28,7 +28,8 @@ struct RowRecord {
   const float* source[3] = {};  // attributes of the corners, where there are any
 };
 
-void begin_record(const AttributeJob& job, const float* attributes, const Parent& parent, int record, int64_t triangle, int64_t y, RowRecord* row) {
+void begin_record(const AttributeJob& job, const float* attributes, const Parent& parent, int record, int64_t triangle,
+                  int64_t y, RowRecord* row) {
   const Primitive& p = parent.primitive[record];
   row->record = record;
   for (int k = 0; k < 3; ++k) {
@@ -36,12 +37,14 @@ void begin_record(const AttributeJob& job, const float* attributes, const Parent
     row->start[k] = edge_at(p, k, 0, (int32_t)y);
     row->step[k] = -(double)kSubpixel * edge.dy;
     row->least[k] = -(double)edge_bias(edge);
-    row->source[k] = attributes ? attributes + job.channels * job.triangles[3 * triangle + corner_of(parent, record, k)] : nullptr;
+    row->source[k] =
+        attributes ? attributes + job.channels * job.triangles[3 * triangle + corner_of(parent, record, k)] : nullptr;
   }
 }
 
 // Eight pixels from x on, of which n are wanted, all of one record. Where the record does not cover a pixel, the buffer came from another drawing: zeros.
-void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowRecord& row, int64_t x, int n, float* out) {
+void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowRecord& row, int64_t x, int n,
+                       float* out) {
   f64x8 e[3], b[3];
   bool covered[8] = {true, true, true, true, true, true, true, true};
   for (int k = 0; k < 3; ++k) {
@@ -61,7 +64,8 @@ void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowR
 }
 
 // Pixels [x, end) of a row, all of one triangle. A clipped triangle's records take turns along the row.
-void interpolate_run(const AttributeJob& job, const float* attributes, const Parent& parent, int64_t triangle, int64_t y, int64_t x, int64_t end, float* out) {
+void interpolate_run(const AttributeJob& job, const float* attributes, const Parent& parent, int64_t triangle,
+                     int64_t y, int64_t x, int64_t end, float* out) {
   RowRecord row;
   while (x < end) {
     int record = 0;
@@ -109,13 +113,16 @@ void stage_interpolate_row(const AttributeJob& job, int64_t view, int64_t y, Par
   }
 }
 
-void stage_sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter, Wrap wrap, float* out) {
-  for (int64_t i = 0; i < count; ++i) sample(texture, height, width, channels, uv[2 * i], uv[2 * i + 1], filter, wrap, out + channels * i);
+void stage_sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count,
+                  Filter filter, Wrap wrap, float* out) {
+  for (int64_t i = 0; i < count; ++i)
+    sample(texture, height, width, channels, uv[2 * i], uv[2 * i + 1], filter, wrap, out + channels * i);
 }
 
-void stage_lambert(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights, int64_t count,
-                   float* out) {
-  for (int64_t i = 0; i < count; ++i) lambert(normals + 3 * i, albedo + 3 * i, ambient, directions, colors, lights, out + 3 * i);
+void stage_lambert(const float* normals, const float* albedo, const float* ambient, const float* directions,
+                   const float* colors, int64_t lights, int64_t count, float* out) {
+  for (int64_t i = 0; i < count; ++i)
+    lambert(normals + 3 * i, albedo + 3 * i, ambient, directions, colors, lights, out + 3 * i);
 }
 
 void stage_encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out) {

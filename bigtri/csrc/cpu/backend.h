@@ -60,11 +60,13 @@ struct BinningOutput {
 struct Stages {
   void (*setup)(const CheckedFrame& frame, SetupOutput* out);
   void (*binning)(const int32_t* xy, const int32_t* bbox, int64_t records, int64_t threshold, BinningOutput* out);
-  void (*tile_mask)(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched, int64_t* full);
+  void (*tile_mask)(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched,
+                    int64_t* full);
   // Spans of one queue entry, or of one small record; returns their number, at most 512 or a row of the image each.
   int64_t (*scan_tiles)(const int32_t* xy, const int32_t* bbox, const int32_t* entry, uint64_t touched, int32_t* spans);
   int64_t (*scan_rows)(const int32_t* xy, const int32_t* bbox, int32_t record, int32_t* spans);
-  void (*depth)(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count, float* out);
+  void (*depth)(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count,
+                float* out);
 };
 
 // --- What reads a visibility buffer
@@ -99,10 +101,10 @@ extern const CpuRung kCpuRungs[];
 
 // --- Textures and shading, the same for every rung
 
-void sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter, Wrap wrap, float* out,
-            const Parallel& parallel);
-void lambert(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights, int64_t count,
-             float* out, const Parallel& parallel);
+void sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count,
+            Filter filter, Wrap wrap, float* out, const Parallel& parallel);
+void lambert(const float* normals, const float* albedo, const float* ambient, const float* directions,
+             const float* colors, int64_t lights, int64_t count, float* out, const Parallel& parallel);
 void encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out, const Parallel& parallel);
 
 }  // namespace bigtri

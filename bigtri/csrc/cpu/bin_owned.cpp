@@ -14,7 +14,8 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr int64_t kMaxChunk = 4096;  // triangles; even if all are clipped to the most sub-triangles, one chunk fits a batch
+constexpr int64_t kMaxChunk =
+    4096;  // triangles; even if all are clipped to the most sub-triangles, one chunk fits a batch
 constexpr int64_t kStandardRecords = 1 << 18, kStandardCandidates = 1 << 23;
 static_assert(kMaxChunk * kMaxSubTriangles <= kStandardRecords, "a chunk fits a batch");
 
@@ -23,7 +24,8 @@ constexpr Parameter kParameters[] = {
     // An entry has 30 bits for its record.
     {"records", "records", "(sub)triangles set up at once, 96 bytes each", kStandardRecords, 1, int64_t{1} << 30},
     // A list begins at a place of 32 bits.
-    {"candidates", "bins", "bins that the records of a pass touch by their bounding boxes, 12 bytes each", kStandardCandidates, 1, UINT32_MAX},
+    {"candidates", "bins", "bins that the records of a pass touch by their bounding boxes, 12 bytes each",
+     kStandardCandidates, 1, UINT32_MAX},
     {},
 };
 enum { kRecords, kCandidates };
@@ -77,7 +79,8 @@ class Drawing {
     std::fill(frame_.dropped, frame_.dropped + frame_.views, 0);
     const int64_t used = frame_.count ? frame_.highest - frame_.lowest + 1 : 0;
     const int64_t together = std::clamp<int64_t>(used ? kGroupVertices / used : 0, 1, std::max(frame_.views, 1));
-    for (int64_t view = 0; used && view < frame_.views; view += together) draw_group(view, std::min<int64_t>(together, frame_.views - view), used);
+    for (int64_t view = 0; used && view < frame_.views; view += together)
+      draw_group(view, std::min<int64_t>(together, frame_.views - view), used);
     raster(frame_.views, nullptr, nullptr);  // views that no triangle has touched still have to be written
     counts_.publish(frame_.counters);
   }
@@ -88,15 +91,19 @@ class Drawing {
     const auto vertices = allocate<Vertex>(views * used);
     const int64_t pieces = std::clamp<int64_t>(4 * parallel_.threads / views, 1, used / 4096 + 1);  // of a view
     parallel_(views * pieces, [&](int64_t i) {
-      const int64_t view = i / pieces, piece = i % pieces, begin = used * piece / pieces, end = used * (piece + 1) / pieces;
-      kernels_.project(positions(first + view), frame_.lowest + begin, frame_.lowest + end, frame_.view.width, frame_.view.height,
-                       vertices.get() + view * used + begin);
+      const int64_t view = i / pieces, piece = i % pieces, begin = used * piece / pieces,
+                    end = used * (piece + 1) / pieces;
+      kernels_.project(positions(first + view), frame_.lowest + begin, frame_.lowest + end, frame_.view.width,
+                       frame_.view.height, vertices.get() + view * used + begin);
     });
     const auto job_of = [&](int64_t view) {
-      return SetupJob{positions(first + view), frame_.triangles, vertices.get() + view * used, frame_.lowest, frame_.view};
+      return SetupJob{positions(first + view), frame_.triangles, vertices.get() + view * used, frame_.lowest,
+                      frame_.view};
     };
 
-    const int64_t count = frame_.count, size = std::min(most_records_, std::clamp<int64_t>(views * count / (8 * parallel_.threads), 64, kMaxChunk));
+    const int64_t count = frame_.count,
+                  size = std::min(most_records_,
+                                  std::clamp<int64_t>(views * count / (8 * parallel_.threads), 64, kMaxChunk));
     const int64_t per_view = (count + size - 1) / size;
     std::vector<Chunk> chunks(views * per_view);
     parallel_((int64_t)chunks.size(), [&](int64_t c) {
@@ -116,7 +123,8 @@ class Drawing {
       const auto candidates = allocate<uint32_t>(slots);
       parallel_((int64_t)(end - begin), [&](int64_t i) {
         Chunk& k = chunks[begin + i];
-        k.used = kernels_.setup(job_of(k.view), k.begin, k.end, records.get() + k.slot, candidates.get() + k.slot, &k.dropped);
+        k.used = kernels_.setup(job_of(k.view), k.begin, k.end, records.get() + k.slot, candidates.get() + k.slot,
+                                &k.dropped);
         std::fill(candidates.get() + k.slot + k.used, candidates.get() + k.slot + k.slots, 0u);
       });
       // Where each view's records begin.
@@ -136,7 +144,8 @@ class Drawing {
   const float* positions(int64_t view) const { return frame_.positions + view * frame_.vertices * 4; }
 
   // Draws the records that have candidates, in as many passes as their bins need. Those of view first_view + v stand in the slots [view_begin[v], view_begin[v + 1]).
-  void draw_records(const Record* records, const uint32_t* candidates, int64_t first_view, const std::vector<int64_t>& view_begin) {
+  void draw_records(const Record* records, const uint32_t* candidates, int64_t first_view,
+                    const std::vector<int64_t>& view_begin) {
     const int64_t count = view_begin.back();
     job_.records = records;
     size_t view = 0;
@@ -146,16 +155,19 @@ class Drawing {
       while (begin >= view_begin[view + 1]) ++view;
       size_t last = view;
       while (end > view_begin[last + 1]) ++last;
-      if (total) pass(records, candidates, begin, end, total, first_view + (int64_t)view, (int64_t)(last - view) + 1, view_begin.data() + view);
+      if (total)
+        pass(records, candidates, begin, end, total, first_view + (int64_t)view, (int64_t)(last - view) + 1,
+             view_begin.data() + view);
       begin = end;
     }
   }
 
   // A counting sort of (record, bin) pairs by bin: count per chunk, place, scatter. Chunks keep the order of the records, so lists do not depend on the threads.
-  void pass(const Record* records, const uint32_t* candidates, int64_t begin, int64_t end, int64_t total, int64_t first_view, int64_t views,
-            const int64_t* view_begin) {
+  void pass(const Record* records, const uint32_t* candidates, int64_t begin, int64_t end, int64_t total,
+            int64_t first_view, int64_t views, const int64_t* view_begin) {
     const int64_t bins = views * job_.bins;
-    const int64_t wanted = std::min({(int64_t)(parallel_.threads > 1 ? 4 * parallel_.threads : 1), total / 2048 + 1, std::max<int64_t>(1, kMostCounts / bins)});
+    const int64_t wanted = std::min({(int64_t)(parallel_.threads > 1 ? 4 * parallel_.threads : 1), total / 2048 + 1,
+                                     std::max<int64_t>(1, kMostCounts / bins)});
     std::vector<int64_t> bounds = {begin}, pair_begin = {0};
     int64_t sum = 0;
     for (int64_t i = begin; i < end; ++i) {
@@ -171,7 +183,9 @@ class Drawing {
     const auto pairs = allocate<BinPair>(total);
     std::vector<uint32_t> counts(chunks * bins, 0);
     std::vector<int64_t> used(chunks);
-    parallel_(chunks, [&](int64_t c) { used[c] = kernels_.bin(job, bounds[c], bounds[c + 1], pairs.get() + pair_begin[c], counts.data() + c * bins); });
+    parallel_(chunks, [&](int64_t c) {
+      used[c] = kernels_.bin(job, bounds[c], bounds[c + 1], pairs.get() + pair_begin[c], counts.data() + c * bins);
+    });
     // Views that no earlier pass has written, and that have no records in this one, are written with it.
     const int64_t ahead = std::max<int64_t>(0, first_view - job_.begun_views) * job_.bins;
     std::vector<uint32_t> list_begin(ahead + bins + 1);
@@ -190,7 +204,8 @@ class Drawing {
     const auto entries = allocate<uint32_t>(at);
     parallel_(chunks, [&](int64_t c) {
       uint32_t* next = counts.data() + c * bins;
-      for (const BinPair *p = pairs.get() + pair_begin[c], *stop = p + used[c]; p < stop; ++p) entries[next[p->bin]++] = p->entry;
+      for (const BinPair *p = pairs.get() + pair_begin[c], *stop = p + used[c]; p < stop; ++p)
+        entries[next[p->bin]++] = p->entry;
     });
     job_.first_bin = first_view * job_.bins - ahead;
     raster(first_view + views, entries.get(), list_begin.data());
@@ -213,7 +228,8 @@ class Drawing {
       parallel_(workers, [&](int64_t worker) {
         char* scratch = scratch_.get() + worker * kScratchBytes;
         scratch += -(uintptr_t)scratch & 63;
-        for (int64_t b; (b = next.fetch_add(1, std::memory_order_relaxed)) < end;) kernels_.raster_bin(job_, b, scratch);
+        for (int64_t b; (b = next.fetch_add(1, std::memory_order_relaxed)) < end;)
+          kernels_.raster_bin(job_, b, scratch);
       });
     job_.begun_views = std::max(job_.begun_views, end_view);
   }
@@ -227,12 +243,15 @@ class Drawing {
   Counts counts_;
 };
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) { Drawing(frame, parallel, values).draw(); }
+void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+  Drawing(frame, parallel, values).draw();
+}
 
 }  // namespace
 
 extern const Variant bin_owned_variant;
-const Variant bin_owned_variant = {"bin_owned", "one owner a bin, hidden surfaces rejected; docs/performance.md", kParameters, draw};
+const Variant bin_owned_variant = {"bin_owned", "one owner a bin, hidden surfaces rejected; docs/performance.md",
+                                   kParameters, draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

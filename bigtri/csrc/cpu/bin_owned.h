@@ -48,7 +48,8 @@ constexpr int64_t kScratchBytes = 128 * 1024;
 struct BinOwnedKernels {
   void (*project)(const float* positions, int64_t begin, int64_t end, int width, int height, Vertex* out);
   // Triangles [begin, end) to records; returns their number. candidates[i]: bins that record i's bbox touches.
-  int64_t (*setup)(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates, int64_t* dropped);
+  int64_t (*setup)(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates,
+                   int64_t* dropped);
   // Records in the slots [begin, end) to pairs, bins counted from the first view's; counts[bin] goes up by one for each. Returns the number of pairs.
   int64_t (*bin)(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts);
   void (*raster_bin)(const RasterJob& job, int64_t bin, void* scratch);

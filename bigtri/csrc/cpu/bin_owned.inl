@@ -35,7 +35,8 @@ BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels)
   if (!kThin) plane_table(d, &table);
   for (uint64_t full = visible & l.full; full; full &= full - 1) {
     const int t = __builtin_ctzll(full), x = t % 8 * kTile, y = t / 8 * kTile;
-    for (int j = 0; j < kTile; ++j) keep_nearest(pixels + (y + j) * kBin + x, row_packed<kThin, kFar>(d, table, x, y + j));
+    for (int j = 0; j < kTile; ++j)
+      keep_nearest(pixels + (y + j) * kBin + x, row_packed<kThin, kFar>(d, table, x, y + j));
   }
   visible &= ~l.full;
   if (!visible) return;
@@ -101,7 +102,8 @@ void draw_block(Scratch* s, int count, float bin_far) {
 template <bool kThin, bool kFar>
 BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, int bin_y, int64_t* pixels) {
   const int left = bin_x * kBin, top = bin_y * kBin;
-  const int x0 = max_of(r.x0 - left, 0), y0 = max_of(r.y0 - top, 0), x1 = min_of(r.x1 - left, kBin), y1 = min_of(r.y1 - top, kBin);
+  const int x0 = max_of(r.x0 - left, 0), y0 = max_of(r.y0 - top, 0), x1 = min_of(r.x1 - left, kBin),
+            y1 = min_of(r.y1 - top, kBin);
   i32x8 row[3];
   int32_t sx[3], sy[3];
   const i32x8 lane = load<i32x8>(kLaneInt);
@@ -114,7 +116,8 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
   for (int y = y0; y < y1; ++y) {
     for (int x = x0; x < x1; x += 8) {
       const int32_t skip = x - x0;
-      const i32x8 outside = (row[0] + skip * sx[0]) | (row[1] + skip * sx[1]) | (row[2] + skip * sx[2]) | (x1 - x - 1 - lane);
+      const i32x8 outside =
+          (row[0] + skip * sx[0]) | (row[1] + skip * sx[1]) | (row[2] + skip * sx[2]) | (x1 - x - 1 - lane);
       const uint32_t bits = sign_mask(outside) ^ 0xff;
       if (bits) keep_nearest(pixels + y * kBin + x, packed_of<kFar>(d, row_depth<kThin>(d, x, y)), bits);
     }
@@ -162,9 +165,11 @@ void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, 
     if (l.nearest > bin_far) continue;
     const bool full = *e & kEntryFull;
     if (full && !l.depth.far) bin_far = min_of(bin_far, farthest_depth(l.depth, 0, 0, kBin));
-    for (int k = 0; k < 3; ++k) l.edge[k] = full ? NarrowEdge{0, 0, 0} : narrow(bin_edge(edge_of(r.x, r.y, k), bin_x, bin_y));
+    for (int k = 0; k < 3; ++k)
+      l.edge[k] = full ? NarrowEdge{0, 0, 0} : narrow(bin_edge(edge_of(r.x, r.y, k), bin_x, bin_y));
     const TileMasks m = full ? TileMasks{~0ull, ~0ull} : tile_masks(l.edge);
-    l.touched = m.touched & bbox_tiles(r.x0 - bin_x * kBin, r.y0 - bin_y * kBin, r.x1 - bin_x * kBin, r.y1 - bin_y * kBin);
+    l.touched =
+        m.touched & bbox_tiles(r.x0 - bin_x * kBin, r.y0 - bin_y * kBin, r.x1 - bin_x * kBin, r.y1 - bin_y * kBin);
     l.full = m.full & l.touched;
     if (++count == kBlock) {
       draw_block(s, count, bin_far);

@@ -38,7 +38,8 @@ int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pair
       }
       for (int x = c0; x <= c1; ++x) {
         if ((high[0] | high[1] | high[2]) >= 0) {  // sign bit clear in all three
-          const uint32_t bin = first + (uint32_t)(y * bins_x + x), full = (low[0] | low[1] | low[2]) >= 0 ? kEntryFull : 0;
+          const uint32_t bin = first + (uint32_t)(y * bins_x + x),
+                         full = (low[0] | low[1] | low[2]) >= 0 ? kEntryFull : 0;
           pairs[n++] = {bin, (uint32_t)i << kEntryShift | full};
           ++counts[bin];
         }

@@ -59,7 +59,8 @@ template <bool kThin>
 BIGTRI_INLINE f64x8 row_depth(const CellDepth& d, int i, int j) {
   const f64x8 x = load<f64x8>(kLaneDouble) + (double)i;
   if (!kThin) return plane_row<double>(d.zcell, d.dzdy, j) + plane_column(d.dzdx, x);
-  const f64x8 g0 = (d.e[0] + d.ey[0] * j) + d.ex[0] * x, g1 = (d.e[1] + d.ey[1] * j) + d.ex[1] * x, g2 = (d.e[2] + d.ey[2] * j) + d.ex[2] * x;
+  const f64x8 g0 = (d.e[0] + d.ey[0] * j) + d.ex[0] * x, g1 = (d.e[1] + d.ey[1] * j) + d.ex[1] * x,
+              g2 = (d.e[2] + d.ey[2] * j) + d.ex[2] * x;
   return weighted_depth<f64x8>(g0, g1, g2, d.z[0], d.z[1], d.z[2], d.area);
 }
 
@@ -83,14 +84,19 @@ BIGTRI_INLINE float bound_depth(const CellDepth& d, int i, int j, int size, bool
   if (d.thin) return farthest ? d.zmax : d.zmin;
   return corner_depth({d.zcell, d.dzdx, d.dzdy}, d.zmin, d.zmax, i, j, size - 1, size - 1, farthest);
 }
-BIGTRI_INLINE float nearest_depth(const CellDepth& d, int i, int j, int size) { return bound_depth(d, i, j, size, false); }
-BIGTRI_INLINE float farthest_depth(const CellDepth& d, int i, int j, int size) { return bound_depth(d, i, j, size, true); }
+BIGTRI_INLINE float nearest_depth(const CellDepth& d, int i, int j, int size) {
+  return bound_depth(d, i, j, size, false);
+}
+BIGTRI_INLINE float farthest_depth(const CellDepth& d, int i, int j, int size) {
+  return bound_depth(d, i, j, size, true);
+}
 
 // Corner depths of the eight tiles of a row.
 BIGTRI_INLINE f32x8 tile_corner_depths(const CellDepth& d, int row, bool farthest) {
   if (d.thin) return splat<f32x8>(farthest ? d.zmax : d.zmin);
   const int x = (d.dzdx < 0) != farthest ? kTile - 1 : 0, y = (d.dzdy < 0) != farthest ? kTile - 1 : 0;
-  const f64x8 z = plane_row<double>(d.zcell, d.dzdy, kTile * row + y) + plane_column(d.dzdx, load<f64x8>(kLaneDouble) * (double)kTile + (double)x);
+  const f64x8 z = plane_row<double>(d.zcell, d.dzdy, kTile * row + y) +
+                  plane_column(d.dzdx, load<f64x8>(kLaneDouble) * (double)kTile + (double)x);
   return clamp_depth(to_float(z), splat<f32x8>(d.zmin), splat<f32x8>(d.zmax));
 }
 

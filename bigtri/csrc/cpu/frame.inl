@@ -16,11 +16,14 @@ struct Patch {
 
 BIGTRI_INLINE Patch patch_of(const RasterJob& job, int64_t view, int bin_x, int bin_y) {
   const int x = bin_x * kBin, y = bin_y * kBin;
-  return {x, y, min_of(kBin, job.view.width - x), min_of(kBin, job.view.height - y), (view * job.view.height + y) * job.view.width + x};
+  return {x, y, min_of(kBin, job.view.width - x), min_of(kBin, job.view.height - y),
+          (view * job.view.height + y) * job.view.width + x};
 }
 
 void load_bin(const RasterJob& job, const Patch& p, int64_t* pixels) {
-  for (int j = 0; j < p.height; ++j) __builtin_memcpy(pixels + j * kBin, job.packed + p.at + (int64_t)j * job.view.width, (size_t)p.width * sizeof(int64_t));
+  for (int j = 0; j < p.height; ++j)
+    __builtin_memcpy(pixels + j * kBin, job.packed + p.at + (int64_t)j * job.view.width,
+                     (size_t)p.width * sizeof(int64_t));
 }
 
 // Tiles and spans ignore the scissor inside a bin; what they drew outside it is taken back here, in the few bins that it crosses.

@@ -14,18 +14,21 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
 struct StageKernels {
-  void (*tile_mask)(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched, int64_t* full);
+  void (*tile_mask)(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched,
+                    int64_t* full);
   int64_t (*scan_tiles)(const int32_t* xy, const int32_t* bbox, const int32_t* entry, uint64_t touched, int32_t* spans);
   int64_t (*scan_rows)(const int32_t* xy, const int32_t* bbox, int32_t record, int32_t* spans);
-  void (*depth)(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count, float* out);
+  void (*depth)(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count,
+                float* out);
 };
 
 // What reads a visibility buffer.
 struct AttributeKernels {
   void (*interpolate_row)(const AttributeJob& job, int64_t view, int64_t row, Parent* scratch);
-  void (*sample)(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter, Wrap wrap, float* out);
-  void (*lambert)(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights, int64_t count,
-                  float* out);
+  void (*sample)(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count,
+                 Filter filter, Wrap wrap, float* out);
+  void (*lambert)(const float* normals, const float* albedo, const float* ambient, const float* directions,
+                  const float* colors, int64_t lights, int64_t count, float* out);
   void (*encode_srgb)(const float* linear, const float* thresholds, int64_t count, uint8_t* out);
 };
 

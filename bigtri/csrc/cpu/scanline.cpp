@@ -13,7 +13,8 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr Parameter kParameters[] = {{"share", "triangles", "triangles that a task takes at a time", 256, 1, 1 << 20}, {}};
+constexpr Parameter kParameters[] = {{"share", "triangles", "triangles that a task takes at a time", 256, 1, 1 << 20},
+                                     {}};
 
 void keep_nearest(int64_t* pixel, int64_t packed) {
   int64_t old = __atomic_load_n(pixel, __ATOMIC_RELAXED);
@@ -33,7 +34,8 @@ void draw_row(const Record& r, int y, int64_t lower, int64_t upper, const Frame&
       cell = x / kBin;
       z = plane_row<double>(plane.zcell, plane.dzdy, y % kBin) + plane_column<double>(plane.dzdx, x % kBin);
     }
-    keep_nearest(view.packed + (int64_t)y * view.view.width + x, pack_fragment(finish_depth(z, r.zmin, r.zmax), r.triangle));
+    keep_nearest(view.packed + (int64_t)y * view.view.width + x,
+                 pack_fragment(finish_depth(z, r.zmin, r.zmax), r.triangle));
   }
 }
 
@@ -74,13 +76,16 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
     counts.publish(frame.counters);
   });
   if (frame.depth)
-    parallel(rows, [&](int64_t y) { std::transform(frame.packed + y * width, frame.packed + (y + 1) * width, frame.depth + y * width, depth_of); });
+    parallel(rows, [&](int64_t y) {
+      std::transform(frame.packed + y * width, frame.packed + (y + 1) * width, frame.depth + y * width, depth_of);
+    });
 }
 
 }  // namespace
 
 extern const Variant scanline_variant;
-const Variant scanline_variant = {"scanline", "a triangle at a time, row by row, with atomics: Sui's first pipeline", kParameters, draw};
+const Variant scanline_variant = {"scanline", "a triangle at a time, row by row, with atomics: Sui's first pipeline",
+                                  kParameters, draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

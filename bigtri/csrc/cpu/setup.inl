@@ -11,7 +11,8 @@ void project(const float* positions, int64_t begin, int64_t end, int width, int 
   for (int64_t i = begin; i < end; ++i) out[i - begin] = project_vertex(positions + 4 * i, width, height);
 }
 
-int64_t setup(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates, int64_t* dropped) {
+int64_t setup(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates,
+              int64_t* dropped) {
   int64_t n = 0, lost = 0;
   Primitive p;
   for (int64_t t = begin; t < end; ++t) {

@@ -15,23 +15,26 @@ void in_blocks(const Parallel& parallel, int64_t count, int64_t step, const Body
 
 }  // namespace
 
-void sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter, Wrap wrap, float* out,
-            const Parallel& parallel) {
+void sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count,
+            Filter filter, Wrap wrap, float* out, const Parallel& parallel) {
   in_blocks(parallel, count, 16384, [&](int64_t begin, int64_t end) {
-    current_kernels().attributes.sample(texture, height, width, channels, uv + 2 * begin, end - begin, filter, wrap, out + channels * begin);
+    current_kernels().attributes.sample(texture, height, width, channels, uv + 2 * begin, end - begin, filter, wrap,
+                                        out + channels * begin);
   });
 }
 
-void lambert(const float* normals, const float* albedo, const float* ambient, const float* directions, const float* colors, int64_t lights, int64_t count,
-             float* out, const Parallel& parallel) {
+void lambert(const float* normals, const float* albedo, const float* ambient, const float* directions,
+             const float* colors, int64_t lights, int64_t count, float* out, const Parallel& parallel) {
   in_blocks(parallel, count, 16384, [&](int64_t begin, int64_t end) {
-    current_kernels().attributes.lambert(normals + 3 * begin, albedo + 3 * begin, ambient, directions, colors, lights, end - begin, out + 3 * begin);
+    current_kernels().attributes.lambert(normals + 3 * begin, albedo + 3 * begin, ambient, directions, colors, lights,
+                                         end - begin, out + 3 * begin);
   });
 }
 
 void encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out, const Parallel& parallel) {
-  in_blocks(parallel, count, 65536,
-            [&](int64_t begin, int64_t end) { current_kernels().attributes.encode_srgb(linear + begin, thresholds, end - begin, out + begin); });
+  in_blocks(parallel, count, 65536, [&](int64_t begin, int64_t end) {
+    current_kernels().attributes.encode_srgb(linear + begin, thresholds, end - begin, out + begin);
+  });
 }
 
 }  // namespace bigtri

@@ -16,7 +16,8 @@ inline namespace BIGTRI_NAMESPACE {
 
 template <class T, int N>
 struct Lanes {
-  static constexpr int kWidth = N * (int)sizeof(T) * 8 < BIGTRI_SIMD ? N : BIGTRI_SIMD / 8 / (int)sizeof(T);  // elements of one machine vector
+  static constexpr int kWidth =
+      N * (int)sizeof(T) * 8 < BIGTRI_SIMD ? N : BIGTRI_SIMD / 8 / (int)sizeof(T);  // elements of one machine vector
   static constexpr int kParts = N / kWidth;
   typedef T Vector __attribute__((vector_size(kWidth * sizeof(T))));
   Vector part[kParts];
@@ -75,7 +76,8 @@ BIGTRI_OPERATOR(|)
 alignas(64) constexpr double kLaneDouble[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 alignas(64) constexpr int32_t kLaneInt[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 alignas(64) constexpr int32_t kLaneX[16] = {0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7};  // column within the tile
-alignas(64) constexpr int32_t kLaneY[16] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1};  // row within a pair of rows
+alignas(64) constexpr int32_t kLaneY[16] = {0, 0, 0, 0, 0, 0, 0, 0,
+                                            1, 1, 1, 1, 1, 1, 1, 1};  // row within a pair of rows
 
 // Bit i: element i is negative.
 template <int N>
@@ -137,11 +139,14 @@ BIGTRI_INLINE i64x8 pack(const f32x8& z, uint32_t triangle) {
   i64x8 r;
 #if BIGTRI_SIMD >= 512
   const __m512i to_high = _mm512_setr_epi32(0, 0, 0, 1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 0, 7);
-  r.part[0] = (i64x8::Vector)_mm512_mask_permutexvar_epi32(_mm512_set1_epi64(triangle), 0xaaaa, to_high, _mm512_castsi256_si512((__m256i)z.part[0]));
+  r.part[0] = (i64x8::Vector)_mm512_mask_permutexvar_epi32(_mm512_set1_epi64(triangle), 0xaaaa, to_high,
+                                                           _mm512_castsi256_si512((__m256i)z.part[0]));
 #elif BIGTRI_SIMD >= 256
   const __m256i bits = (__m256i)z.part[0], low = _mm256_set1_epi64x(triangle);
-  r.part[0] = (i64x8::Vector)_mm256_or_si256(_mm256_slli_epi64(_mm256_cvtepu32_epi64(_mm256_castsi256_si128(bits)), 32), low);
-  r.part[1] = (i64x8::Vector)_mm256_or_si256(_mm256_slli_epi64(_mm256_cvtepu32_epi64(_mm256_extracti128_si256(bits, 1)), 32), low);
+  r.part[0] =
+      (i64x8::Vector)_mm256_or_si256(_mm256_slli_epi64(_mm256_cvtepu32_epi64(_mm256_castsi256_si128(bits)), 32), low);
+  r.part[1] = (i64x8::Vector)_mm256_or_si256(
+      _mm256_slli_epi64(_mm256_cvtepu32_epi64(_mm256_extracti128_si256(bits, 1)), 32), low);
 #else
   uint32_t bits[8];
   __builtin_memcpy(bits, &z, sizeof bits);
@@ -162,7 +167,8 @@ BIGTRI_INLINE void keep_nearest(int64_t* pixels, const i64x8& packed, uint32_t b
   for (int i = 0; i < 2; ++i) {
     const __m256i lane = _mm256_set_epi64x(8 << 4 * i, 4 << 4 * i, 2 << 4 * i, 1 << 4 * i);
     const __m256i old = _mm256_loadu_si256((const __m256i*)(pixels + 4 * i)), offered = (__m256i)packed.part[i];
-    const __m256i taken = _mm256_and_si256(_mm256_cmpgt_epi64(old, offered), _mm256_cmpeq_epi64(_mm256_and_si256(all, lane), lane));
+    const __m256i taken =
+        _mm256_and_si256(_mm256_cmpgt_epi64(old, offered), _mm256_cmpeq_epi64(_mm256_and_si256(all, lane), lane));
     _mm256_storeu_si256((__m256i*)(pixels + 4 * i), _mm256_blendv_epi8(old, offered, taken));
   }
 #else
@@ -191,7 +197,8 @@ BIGTRI_INLINE int append_rows(uint64_t mask, uint32_t code, uint32_t* list, int 
   const __m256i bytes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((int64_t)mask));
   const __mmask8 some = _mm256_test_epi32_mask(bytes, bytes);
   const __m256i row = _mm256_setr_epi32(0, kBin, 2 * kBin, 3 * kBin, 4 * kBin, 5 * kBin, 6 * kBin, 7 * kBin);
-  const __m256i items = _mm256_or_si256(_mm256_slli_epi32(_mm256_add_epi32(_mm256_set1_epi32((int)code), row), 8), bytes);
+  const __m256i items =
+      _mm256_or_si256(_mm256_slli_epi32(_mm256_add_epi32(_mm256_set1_epi32((int)code), row), 8), bytes);
   _mm256_storeu_si256((__m256i*)(list + n), _mm256_maskz_compress_epi32(some, items));
   return n + __builtin_popcount(some);
 #else

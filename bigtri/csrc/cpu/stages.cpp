@@ -49,7 +49,8 @@ void binning(const int32_t* xy, const int32_t* bbox, int64_t records, int64_t th
   }
 }
 
-void tile_mask(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched, int64_t* full) {
+void tile_mask(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched,
+               int64_t* full) {
   current_kernels().stages.tile_mask(xy, bbox, queue, count, touched, full);
 }
 

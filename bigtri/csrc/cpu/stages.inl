@@ -26,7 +26,8 @@ BIGTRI_INLINE bool narrow_edges(const int32_t x[3], const int32_t y[3], int bin_
   return true;
 }
 
-void stage_tile_mask(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched, int64_t* full) {
+void stage_tile_mask(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched,
+                     int64_t* full) {
   for (int64_t i = 0; i < count; ++i) {
     const int32_t *entry = queue + 3 * i, *box = bbox + 4 * (int64_t)entry[0];
     int32_t x[3], y[3];
@@ -52,7 +53,8 @@ BIGTRI_INLINE int64_t put_span(int32_t record, int64_t y, int64_t lower, int64_t
 }
 
 // Spans of one queue entry (record, bin column, bin row), at most 512; xy and bbox are the record's own.
-int64_t stage_scan_tiles(const int32_t* xy, const int32_t* bbox, const int32_t* entry, uint64_t touched, int32_t* spans) {
+int64_t stage_scan_tiles(const int32_t* xy, const int32_t* bbox, const int32_t* entry, uint64_t touched,
+                         int32_t* spans) {
   int32_t px[3], py[3];
   read_vertices(xy, px, py);
   NarrowEdge e[3];
@@ -92,7 +94,8 @@ int64_t stage_scan_rows(const int32_t* xy, const int32_t* bbox, int32_t record, 
 }
 
 // Depth of every pixel of the spans, in order. Spans of a record and cell mostly follow each other, so the cell's plane is kept.
-void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count, float* out) {
+void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count,
+                 float* out) {
   CellDepth d = {};
   int64_t last_record = -1, last_x = -1, last_y = -1;
   for (int64_t i = 0; i < count; ++i) {
@@ -114,7 +117,8 @@ void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const i
       }
       const int i0 = (int)(x % kBin), j = s[1] % kBin;
       const int64_t n = min_of<int64_t>(min_of<int64_t>(8, s[3] - x), kBin - i0);
-      const f32x8 v = clamp_depth(to_float(d.thin ? row_depth<true>(d, i0, j) : row_depth<false>(d, i0, j)), splat<f32x8>(d.zmin), splat<f32x8>(d.zmax));
+      const f32x8 v = clamp_depth(to_float(d.thin ? row_depth<true>(d, i0, j) : row_depth<false>(d, i0, j)),
+                                  splat<f32x8>(d.zmin), splat<f32x8>(d.zmax));
       for (int64_t k = 0; k < n; ++k) out[k] = v[k];
       out += n;
       x += n;

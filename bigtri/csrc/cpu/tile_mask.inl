@@ -12,7 +12,9 @@ struct TileMasks {
   uint64_t touched, full;
 };
 
-BIGTRI_INLINE i32x16 lanes(int32_t f, int32_t sx, int32_t sy) { return f + load<i32x16>(kLaneX) * sx + load<i32x16>(kLaneY) * sy; }
+BIGTRI_INLINE i32x16 lanes(int32_t f, int32_t sx, int32_t sy) {
+  return f + load<i32x16>(kLaneX) * sx + load<i32x16>(kLaneY) * sy;
+}
 
 // Two rows of eight tiles at a time. A tile is dropped where one edge's maximum is negative: the sign bit of the three ORed.
 BIGTRI_INLINE TileMasks tile_masks(const NarrowEdge e[3]) {
@@ -25,7 +27,8 @@ BIGTRI_INLINE TileMasks tile_masks(const NarrowEdge e[3]) {
   }
   TileMasks m = {0, 0};
   for (int pair = 0; pair < 4; ++pair) {
-    m.touched |= (uint64_t)(sign_mask((at[0] + high[0]) | (at[1] + high[1]) | (at[2] + high[2])) ^ 0xffff) << (16 * pair);
+    m.touched |= (uint64_t)(sign_mask((at[0] + high[0]) | (at[1] + high[1]) | (at[2] + high[2])) ^ 0xffff)
+                 << (16 * pair);
     m.full |= (uint64_t)(sign_mask((at[0] + low[0]) | (at[1] + low[1]) | (at[2] + low[2])) ^ 0xffff) << (16 * pair);
     for (int k = 0; k < 3; ++k) at[k] = at[k] + 2 * kTile * e[k].sy;
   }

@@ -12,15 +12,19 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Two kernels: one for the pixels of triangles that are not clipped, which are most and need little, and then one for the others, which need hundreds of registers. Each gives a warp
-// 32 pixels at a time, a group; of every group the first kernel notes in 32 bits which pixels it has left to the second.
+// Two kernels: one for the pixels of triangles that are not clipped, which are most and need little, and then one for
+// the others, which need hundreds of registers. Each gives a warp 32 pixels at a time, a group; of every group the
+// first kernel notes in 32 bits which pixels it has left to the second.
 
 static_assert(kGroup == kWarp, "a lane for each pixel of a group");
 constexpr int kWholeWarps = 8;    // of a block
 constexpr int kClippedWarps = 4;  // of a block
-constexpr int kRun = 8;           // groups that a warp takes one after the other: neighbours share triangles, and one that stays is not clipped again
+// Groups that a warp takes one after the other: neighbours share triangles, and one that stays is not clipped again.
+constexpr int kRun = 8;
 
-__device__ __forceinline__ Viewport whole_image(const Interpolation& job) { return {job.width, job.height, 0, 0, job.width, job.height, kCullNone}; }
+__device__ __forceinline__ Viewport whole_image(const Interpolation& job) {
+  return {job.width, job.height, 0, 0, job.width, job.height, kCullNone};
+}
 
 __device__ __forceinline__ Frame frame_of(const Interpolation& job, int64_t view) {
   return {job.positions + view * job.vertices * 4, job.triangles, job.vertices, job.count, 1, whole_image(job)};
@@ -59,9 +63,10 @@ __device__ __forceinline__ void weigh(const ParentOf<1>& parent, const Pixel& at
 }
 
 // What those of the group's pixels that `which` names have in every channel, in the order of memory.
-__device__ __forceinline__ void write_interpolated(const float* attributes, int64_t channels, unsigned which, const float weight[3], const int32_t vertex[3],
-                                                   float* out) {
-  // The lanes go over all pixels' channels a warp's width at a time. Of more channels than that, only that they are more matters to the steps.
+__device__ __forceinline__ void write_interpolated(const float* attributes, int64_t channels, unsigned which,
+                                                   const float weight[3], const int32_t vertex[3], float* out) {
+  // The lanes go over all pixels' channels a warp's width at a time. Of more channels than that, only that they are
+  // more matters to the steps.
   const int narrow = (int)min_of<int64_t>(channels, kWarp + 1);
   const int64_t end = (kWarp - __clz(which)) * channels;
   int pixel = lane_id() / narrow;
@@ -106,20 +111,23 @@ __device__ __forceinline__ void write_weights(unsigned which, const Weights& w, 
 }
 
 // With all lanes.
-__device__ __forceinline__ void write_group(const Interpolation& job, int64_t view, int64_t group, unsigned which, int32_t triangle, const Weights& w) {
+__device__ __forceinline__ void write_group(const Interpolation& job, int64_t view, int64_t group, unsigned which,
+                                            int32_t triangle, const Weights& w) {
   float* out = job.out + (view * job.height * job.width + group * kWarp) * job.channels;
   if (job.weights) {
     write_weights(which, w, out);
     return;
   }
   int32_t vertex[3];
-  for (int k = 0; k < 3; ++k) vertex[k] = w.corner[k] < 0 ? -1 : __ldg(job.triangles + 3 * (int64_t)triangle + w.corner[k]);
+  for (int k = 0; k < 3; ++k)
+    vertex[k] = w.corner[k] < 0 ? -1 : __ldg(job.triangles + 3 * (int64_t)triangle + w.corner[k]);
   write_interpolated(job.attributes + view * job.attribute_view, job.channels, which, w.weight, vertex, out);
 }
 
 __global__ void __launch_bounds__(kWholeWarps* kWarp, 4) interpolate_whole(const __grid_constant__ Interpolation job) {
   const int64_t groups = groups_of(job.height, job.width);
-  for (int64_t i = (int64_t)blockIdx.x * kWholeWarps + threadIdx.x / kWarp; i < groups * job.batch; i += (int64_t)gridDim.x * kWholeWarps) {
+  for (int64_t i = (int64_t)blockIdx.x * kWholeWarps + threadIdx.x / kWarp; i < groups * job.batch;
+       i += (int64_t)gridDim.x * kWholeWarps) {
     const int64_t view = i / groups, group = i - view * groups;
     const Frame f = frame_of(job, view);
     const Pixel at = pixel_of(job, view, group);
@@ -129,7 +137,8 @@ __global__ void __launch_bounds__(kWholeWarps* kWarp, 4) interpolate_whole(const
     const Fate fate = at.triangle < 0 ? Fate::kNothing : set_up(f, at.triangle, nullptr, &parent.primitive[0]);
     if (fate == Fate::kWhole && covers(p, at.x, at.y)) {
       double* w = parent.w[0];
-      for (int k = 0; k < 3; ++k) w[k] = __ldg(f.positions + 4 * (int64_t)__ldg(f.triangles + 3 * (int64_t)at.triangle + p.order[k]) + 3);
+      for (int k = 0; k < 3; ++k)
+        w[k] = __ldg(f.positions + 4 * (int64_t)__ldg(f.triangles + 3 * (int64_t)at.triangle + p.order[k]) + 3);
       parent.clipped = false;
       parent.affine = w[0] == w[1] && w[1] == w[2];
       weigh(parent, at, &weights);
@@ -145,7 +154,7 @@ __global__ void __launch_bounds__(kWholeWarps* kWarp, 4) interpolate_whole(const
 struct Clipped {
   ClipScratch scratch;
   int count, apex;  // of the polygon
-  int first;        // the corner that is slot 0
+  int first;  // the corner that is slot 0
 };
 
 // With all lanes.
@@ -174,7 +183,8 @@ __device__ __forceinline__ void weigh_clipped(const Clipped& c, const Viewport& 
   parent.first = c.first;
   const Primitive& p = parent.primitive[0];
   for (int s = 0; s + 2 < c.count; ++s) {
-    if (!fan_primitive(c.scratch.projected, c.apex, c.count, s, view, &parent.primitive[0]) || !covers(p, at.x, at.y)) continue;
+    if (!fan_primitive(c.scratch.projected, c.apex, c.count, s, view, &parent.primitive[0]) || !covers(p, at.x, at.y))
+      continue;
     set_fan_weights(c.scratch.polygon, c.apex, c.count, s, 0, &parent);
     weigh(parent, at, out);
     return;
@@ -185,7 +195,8 @@ __global__ void __launch_bounds__(kClippedWarps* kWarp) interpolate_clipped(cons
   __shared__ Clipped clipped_by[kClippedWarps];
   Clipped& c = clipped_by[threadIdx.x / kWarp];
   const int64_t groups = groups_of(job.height, job.width), runs = (groups + kRun - 1) / kRun;  // of a view
-  for (int64_t i = (int64_t)blockIdx.x * kClippedWarps + threadIdx.x / kWarp; i < runs * job.batch; i += (int64_t)gridDim.x * kClippedWarps) {
+  for (int64_t i = (int64_t)blockIdx.x * kClippedWarps + threadIdx.x / kWarp; i < runs * job.batch;
+       i += (int64_t)gridDim.x * kClippedWarps) {
     const int64_t view = i / runs, begin = (i - view * runs) * kRun, end = min_of(begin + kRun, groups);
     const Frame f = frame_of(job, view);
     int32_t held = -1;  // the triangle in c
@@ -212,7 +223,8 @@ __global__ void __launch_bounds__(kClippedWarps* kWarp) interpolate_clipped(cons
 cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream) {
   const int64_t groups = groups_of(job.height, job.width) * job.batch;
   BIGTRI_CUDA(launch_first(interpolate_whole, grid_blocks(groups, kWholeWarps), kWholeWarps * kWarp, 0, stream, job));
-  return launch_first(interpolate_clipped, grid_blocks(groups, kClippedWarps * kRun), kClippedWarps * kWarp, 0, stream, job);
+  return launch_first(interpolate_clipped, grid_blocks(groups, kClippedWarps * kRun), kClippedWarps * kWarp, 0, stream,
+                      job);
 }
 
 }  // namespace BIGTRI_NAMESPACE

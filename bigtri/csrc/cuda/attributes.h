@@ -25,6 +25,8 @@ struct Interpolation {
 constexpr int kGroup = 32;  // pixels that a warp takes together
 BIGTRI_HD int64_t groups_of(int64_t height, int64_t width) { return (height * width + kGroup - 1) / kGroup; }
 // Bytes of memory that it works with: for each group, which of its pixels are of clipped triangles.
-BIGTRI_HD int64_t interpolation_scratch(int64_t batch, int64_t height, int64_t width) { return batch * groups_of(height, width) * (int64_t)sizeof(uint32_t); }
+BIGTRI_HD int64_t interpolation_scratch(int64_t batch, int64_t height, int64_t width) {
+  return batch * groups_of(height, width) * (int64_t)sizeof(uint32_t);
+}
 
 }  // namespace bigtri

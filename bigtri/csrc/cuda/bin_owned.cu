@@ -1,7 +1,9 @@
-// The variant that "auto" means: blocks own pixels and write each once. How triangles get to the pixels depends on how many there are, which the host knows without asking the device:
+// The variant that "auto" means: blocks own pixels and write each once. How triangles get to the pixels depends on how
+// many there are, which the host knows without asking the device:
 //   few   every block sets up all of them by itself, looks at all of them for each of its patches, and draws these;
-//   some  set-up to records and, for each bin, a list of them; blocks draw their patches from the lists; slivers and small triangles last;
-//   many  clear; set-up that draws small triangles at once and puts what is larger into lists; blocks draw these, and slivers.
+//   some  set-up to records and, for each bin, a list of them; blocks draw their patches from the lists; slivers and
+//   small triangles last; many  clear; set-up that draws small triangles at once and puts what is larger into lists;
+//   blocks draw these, and slivers.
 
 #include "clear.h"
 #include "depth_image.h"
@@ -17,28 +19,39 @@ namespace {
 
 constexpr int64_t kMostKept = 1 << 16;  // triangles that records are kept for, all of them and all parts
 constexpr int64_t kWarpsAllowed[] = {0, 4, 8, kMostWarps, -1};
-#define BIGTRI_LIST(X)                                                                                                                                       \
-  X(few, "triangles", "up to so many, and 16 for each warp of a block, every block sets up all of them by itself", 256, 0, kMostKept)                        \
-  X(some, "triangles", "up to so many, blocks write the pixels that they own, then small triangles follow; above, small triangles come first", 32768, 0,     \
-    kMostKept)                                                                                                                                               \
-  X(warps, "warps", "of a block that owns a patch of 64 px by 4 px a warp; 0: 8 for up to 128 triangles, else 16", 0, 0, kMostWarps, kWarpsAllowed)          \
-  BIGTRI_BLOCKS_PARAMETER(X)                                                                                                                                 \
-  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1, kMostEntries)                                      \
-  BIGTRI_QUEUE_PARAMETER(X)                                                                                                                                  \
-  X(threshold, "px", "of bbox above which a record waits where small triangles come first; slivers always do, small whole triangles never", 0, 0, INT64_MAX) \
+#define BIGTRI_LIST(X)                                                                                                \
+  X(few, "triangles", "up to so many, and 16 for each warp of a block, every block sets up all of them by itself",    \
+    256, 0, kMostKept)                                                                                                \
+  X(some, "triangles",                                                                                                \
+    "up to so many, blocks write the pixels that they own, then small triangles follow; above, small triangles come " \
+    "first",                                                                                                          \
+    32768, 0, kMostKept)                                                                                              \
+  X(warps, "warps", "of a block that owns a patch of 64 px by 4 px a warp; 0: 8 for up to 128 triangles, else 16", 0, \
+    0, kMostWarps, kWarpsAllowed)                                                                                     \
+  BIGTRI_BLOCKS_PARAMETER(X)                                                                                          \
+  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,             \
+    kMostEntries)                                                                                                     \
+  BIGTRI_QUEUE_PARAMETER(X)                                                                                           \
+  X(threshold, "px",                                                                                                  \
+    "of bbox above which a record waits where small triangles come first; slivers always do, small whole triangles "  \
+    "never",                                                                                                          \
+    0, 0, INT64_MAX)                                                                                                  \
   X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 // --- few
 
-// Triangles that a block of so many warps can set up by itself. A record for each, and for the parts of clipped ones three more a warp, are what shared memory has room for beside the
-// entries.
+// Triangles that a block of so many warps can set up by itself. A record for each, and for the parts of clipped ones
+// three more a warp, are what shared memory has room for beside the entries.
 constexpr int most_few(int warps) { return 16 * warps; }
 
 // Shared memory of a block that sets up all triangles itself.
 template <int kWarps>
 struct FewShared {
-  static constexpr int kMost = most_few(kWarps), kRecords = kMost + 3 * kWarps;  // triangles; records at a time, the parts of clipped triangles among them
+  static constexpr int kMost = most_few(kWarps),
+                       kRecords =
+                           kMost +
+                           3 * kWarps;  // triangles; records at a time, the parts of clipped triangles among them
   union {
     PatchShared<kWarps> patch;  // has to come first
     Vertex corners[3 * kMost];  // all vertices, or three for each triangle
@@ -96,8 +109,8 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) 
   return __syncthreads_count(fate == Fate::kDropped);
 }
 
-// Clips what waits in round `round`, a triangle a warp, and puts the parts behind the whole triangles, in later rounds where these were. Those that find no room wait for the next round. By
-// all threads.
+// Clips what waits in round `round`, a triangle a warp, and puts the parts behind the whole triangles, in later rounds
+// where these were. Those that find no room wait for the next round. By all threads.
 template <int kWarps>
 __device__ __noinline__ void clip_few(const Frame& f, FewShared<kWarps>* s, int round) {
   const int warp = threadIdx.x / kWarp, now = round & 1, later = now ^ 1, count = s->waiting_count[now];
@@ -155,7 +168,8 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __g
 template <int kWarps>
 cudaError_t launch_few(const Frame& f, const Values& v, cudaStream_t stream) {
   int blocks;
-  BIGTRI_CUDA(blocks_for(draw_few<kWarps>, kWarps * kWarp, sizeof(FewShared<kWarps>), Patch<kWarps>::count(f.view), v.blocks, &blocks));
+  BIGTRI_CUDA(blocks_for(draw_few<kWarps>, kWarps * kWarp, sizeof(FewShared<kWarps>), Patch<kWarps>::count(f.view),
+                         v.blocks, &blocks));
   return launch_first(draw_few<kWarps>, blocks, kWarps * kWarp, sizeof(FewShared<kWarps>), stream, f, (int)v.entries);
 }
 
@@ -163,10 +177,12 @@ cudaError_t launch_few(const Frame& f, const Values& v, cudaStream_t stream) {
 
 // Draws the patches of a grid's blocks from the lists, and where the frame has been drawn before, slivers.
 template <int kWarps, Output kOutput>
-__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_listed(const __grid_constant__ Frame f, const __grid_constant__ Waiting w, int room) {
+__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps)
+    draw_listed(const __grid_constant__ Frame f, const __grid_constant__ Waiting w, int room) {
   __shared__ SliverShared shared;
   begin_turn<kWarps>(f, blockIdx.x, kOutput == Output::kWrite ? 1 : 0);
-  if (kOutput == Output::kWrite) {  // while set-up still keeps it waiting: the background into its first patch, which may be all of it
+  // While set-up still keeps it waiting: the background into its first patch, which may be all of it.
+  if (kOutput == Output::kWrite) {
     Region region = region_of(Patch<kWarps>::at(f.view, blockIdx.x));
     region.clear();
     region.store(f);
@@ -179,14 +195,18 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_listed(const 
     __syncthreads();
     draw_patches<kWarps, kOutput>(f, ListedCandidates(w, kOutput == Output::kWrite || count > w.wide_below), room);
   }
-  if (kOutput == Output::kMerge) draw_slivers(f, w.slivers, (int)min_of<uint64_t>(*w.sliver_count(), w.room), w.bands, [](int) { return true; }, &shared);
+  if (kOutput == Output::kMerge)
+    draw_slivers(
+        f, w.slivers, (int)min_of<uint64_t>(*w.sliver_count(), w.room), w.bands, [](int) { return true; }, &shared);
 }
 
 template <int kWarps, Output kOutput>
 cudaError_t launch_listed(const Frame& f, const Waiting& w, const Values& v, cudaStream_t stream) {
   int blocks;
-  BIGTRI_CUDA(blocks_for(draw_listed<kWarps, kOutput>, kWarps * kWarp, sizeof(PatchShared<kWarps>), Patch<kWarps>::count(f.view), v.blocks, &blocks));
-  return launch_next(draw_listed<kWarps, kOutput>, blocks, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, f, w, (int)v.entries);
+  BIGTRI_CUDA(blocks_for(draw_listed<kWarps, kOutput>, kWarps * kWarp, sizeof(PatchShared<kWarps>),
+                         Patch<kWarps>::count(f.view), v.blocks, &blocks));
+  return launch_next(draw_listed<kWarps, kOutput>, blocks, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, f, w,
+                     (int)v.entries);
 }
 
 // --- some
@@ -202,17 +222,21 @@ struct Some {
 
 Some take_some(Scratch* scratch, const Frame& f, const Values& v) {
   Some s;
-  s.waiting = take_waiting(scratch, f, v.queue, f.count + min_of<int64_t>(v.queue, (int64_t)f.count * kMaxSubTriangles));
+  s.waiting =
+      take_waiting(scratch, f, v.queue, f.count + min_of<int64_t>(v.queue, (int64_t)f.count * kMaxSubTriangles));
   s.later = scratch->take<Later>(f.count);
   return s;
 }
 
-// Records of the lanes' primitives, each in its slot, and of whole triangles what becomes of them; what waits into the lists. By all lanes.
-__device__ __forceinline__ void put_records(const Some& s, const Primitive& p, int64_t triangle, bool have, uint32_t slot) {
+// Records of the lanes' primitives, each in its slot, and of whole triangles what becomes of them; what waits into the
+// lists. By all lanes.
+__device__ __forceinline__ void put_records(const Some& s, const Primitive& p, int64_t triangle, bool have,
+                                            uint32_t slot) {
   Later later = kNothingLater;
   if (have) {
     fill_record(p, triangle, &s.waiting.records[slot]);
-    if (slot == (uint32_t)triangle) s.later[slot] = later = is_small(p) ? kSmallLater : is_sliver(p) ? kSliverLater : kNothingLater;
+    if (slot == (uint32_t)triangle)
+      s.later[slot] = later = is_small(p) ? kSmallLater : is_sliver(p) ? kSliverLater : kNothingLater;
   }
   put_into_lists(s.waiting, p, have && later == kNothingLater, slot);
 }
@@ -226,7 +250,8 @@ __global__ void __launch_bounds__(kZeroThreads) clear_lists(const __grid_constan
 }
 
 // Each warp takes `share` triangles. Records of all, and of the parts of clipped ones as far as there is room.
-__global__ void __launch_bounds__(kShareThreads, kShareBlocks / 2) set_up_records(const __grid_constant__ Frame f, const __grid_constant__ Some s, int share) {
+__global__ void __launch_bounds__(kShareThreads, kShareBlocks / 2)
+    set_up_records(const __grid_constant__ Frame f, const __grid_constant__ Some s, int share) {
   __shared__ ClipScratch clip[kShareThreads / kWarp];
   const Waiting& w = s.waiting;
   let_next_begin();
@@ -261,14 +286,18 @@ union LaterShared {
   __device__ LaterShared() {}
 };
 
-// Slivers, small triangles, and what found no room, onto the frame. Before its pixels are there this kernel reads what set_up_records has written: draw_listed lets it begin only after
-// having waited for that one.
-__global__ void __launch_bounds__(kShareThreads, kShareBlocks) draw_later(const __grid_constant__ Frame f, const __grid_constant__ Some s, int share) {
+// Slivers, small triangles, and what found no room, onto the frame. Before its pixels are there this kernel reads what
+// set_up_records has written: draw_listed lets it begin only after having waited for that one.
+__global__ void __launch_bounds__(kShareThreads, kShareBlocks)
+    draw_later(const __grid_constant__ Frame f, const __grid_constant__ Some s, int share) {
   __shared__ LaterShared shared;
   let_next_begin();
-  draw_slivers(f, s.waiting.records, f.count, s.waiting.bands, [&](int triangle) { return s.later[triangle] == kSliverLater; }, &shared.sliver);
+  draw_slivers(
+      f, s.waiting.records, f.count, s.waiting.bands, [&](int triangle) { return s.later[triangle] == kSliverLater; },
+      &shared.sliver);
   WarpShared& own = shared.warp[threadIdx.x / kWarp];
-  const int64_t first = ((int64_t)blockIdx.x * (kShareThreads / kWarp) + threadIdx.x / kWarp) * share, t = first + lane_id();
+  const int64_t first = ((int64_t)blockIdx.x * (kShareThreads / kWarp) + threadIdx.x / kWarp) * share,
+                t = first + lane_id();
   const Later later = lane_id() < share && t < f.count ? s.later[t] : kNothingLater;
   Primitive p;
   if (later == kSmallLater) p = primitive_of(s.waiting.records[t]);
@@ -294,7 +323,8 @@ cudaError_t launch_some(const Frame& f, const Values& v, void* memory, cudaStrea
   int share;
   int64_t blocks;
   const Zeros zeros = s.waiting.zeros();
-  BIGTRI_CUDA(launch_first(clear_lists, (zeros.count + kZeroThreads - 1) / kZeroThreads, kZeroThreads, 0, stream, f, zeros));
+  BIGTRI_CUDA(
+      launch_first(clear_lists, (zeros.count + kZeroThreads - 1) / kZeroThreads, kZeroThreads, 0, stream, f, zeros));
   BIGTRI_CUDA(share_triangles(set_up_records, kShareThreads, f.count, &share, &blocks));
   BIGTRI_CUDA(launch_next(set_up_records, blocks, kShareThreads, 0, stream, f, s, share));
   Frame undrawn = f;
@@ -302,7 +332,8 @@ cudaError_t launch_some(const Frame& f, const Values& v, void* memory, cudaStrea
   BIGTRI_CUDA((launch_listed<kWarps, Output::kWrite>(undrawn, s.waiting, v, stream)));
   BIGTRI_CUDA(share_triangles(draw_later, kShareThreads, f.count, &share, &blocks));
   int for_slivers;
-  BIGTRI_CUDA(blocks_for(draw_later, kShareThreads, 0, (int64_t)f.count * sliver_chunks(f.view), v.blocks, &for_slivers));
+  BIGTRI_CUDA(
+      blocks_for(draw_later, kShareThreads, 0, (int64_t)f.count * sliver_chunks(f.view), v.blocks, &for_slivers));
   BIGTRI_CUDA(launch_next(draw_later, max_of<int64_t>(blocks, for_slivers), kShareThreads, 0, stream, f, s, share));
   return launch_depth(f, v.blocks, stream);
 }
@@ -318,13 +349,16 @@ Many take_many(Scratch* scratch, const Frame& f, const Values& v) {
   Many m;
   m.waiting = take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, (int64_t)f.count * kMaxSubTriangles));
   m.waiting.slivers = scratch->take<Record>(m.waiting.room);
-  m.waiting.wide_below = 64;  // few large triangles among many small ones: their records are at hand sooner than lists would be
+  m.waiting.wide_below =
+      64;  // few large triangles among many small ones: their records are at hand sooner than lists would be
   m.projected = take_projected(scratch, f);
   return m;
 }
 
-// Queues what waits for a block, and draws the rest at once, a primitive at a time; all lanes. Rarely called, so that its registers cost the small ones nothing.
-__device__ __noinline__ void list_or_draw(const Frame& f, const Waiting& w, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
+// Queues what waits for a block, and draws the rest at once, a primitive at a time; all lanes. Rarely called, so that
+// its registers cost the small ones nothing.
+__device__ __noinline__ void list_or_draw(const Frame& f, const Waiting& w, int64_t threshold, Primitive p,
+                                          int64_t triangle, bool have, Record* shared) {
   Record record;
   bool waits = false, sliver = false;
   uint32_t slot = 0;
@@ -346,8 +380,9 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
   __shared__ WarpShared shared[kShareThreads / kWarp];
   let_next_begin();
   wait_for_previous();
-  set_up_share(f, m.projected, share, shared,
-               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { list_or_draw(f, m.waiting, threshold, p, triangle, have, record); });
+  set_up_share(f, m.projected, share, shared, [&](const Primitive& p, int64_t triangle, bool have, Record* record) {
+    list_or_draw(f, m.waiting, threshold, p, triangle, have, record);
+  });
 }
 
 template <int kWarps>
@@ -407,8 +442,9 @@ cudaError_t draw(const Frame& frame, const int64_t* values, void* scratch, cudaS
 }  // namespace
 
 extern const CudaVariant bin_owned_variant;
-const CudaVariant bin_owned_variant = {"bin_owned", "blocks own pixels and write each once, hidden surfaces rejected; docs/cuda.md", kParameters, scratch_bytes,
-                                       draw};
+const CudaVariant bin_owned_variant = {"bin_owned",
+                                       "blocks own pixels and write each once, hidden surfaces rejected; docs/cuda.md",
+                                       kParameters, scratch_bytes, draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

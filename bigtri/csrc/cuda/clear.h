@@ -7,7 +7,8 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// Room for the projected vertices, or null: projecting each once pays where triangles share them, not where most are left out.
+// Room for the projected vertices, or null: projecting each once pays where triangles share them, not where most are
+// left out.
 Vertex* take_projected(Scratch* scratch, const Frame& f);
 
 // A frame's first kernel. projected: where the vertices go, or null.

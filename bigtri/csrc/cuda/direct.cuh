@@ -1,5 +1,5 @@
-// Drawing at once, onto what is in the frame already, with an atomic minimum a fragment: a warp takes a bin of a record, makes 64-bit masks of its tiles, and draws these.
-// Nothing waits, so nothing needs room.
+// Drawing at once, onto what is in the frame already, with an atomic minimum a fragment: a warp takes a bin of a
+// record, makes 64-bit masks of its tiles, and draws these. Nothing waits, so nothing needs room.
 #pragma once
 
 #include "../core/tile_mask.h"
@@ -55,7 +55,8 @@ __device__ __forceinline__ void warp_draw_bin(const Frame& f, const Record& r, i
         for (int k = 0; k < 3; ++k) outside |= edge[k].f + i * edge[k].sx + j * edge[k].sy;
         if (outside < 0) continue;
       }
-      const float z = thin ? thin_depth(&r, left + i, top + j) : finish_depth(plane_row<double>(plane.zcell, plane.dzdy, j) + column, r.zmin, r.zmax);
+      const float z = thin ? thin_depth(&r, left + i, top + j)
+                           : finish_depth(plane_row<double>(plane.zcell, plane.dzdy, j) + column, r.zmin, r.zmax);
       keep_nearest(f.packed + (int64_t)(top + j) * f.view.width + left + i, pack_fragment(z, r.triangle), true);
     }
   }

@@ -9,7 +9,8 @@ namespace {
 
 // One lane's, for all.
 __device__ __forceinline__ BinBox of_lane(const BinBox& b, int lane) {
-  return {__shfl_sync(kAllLanes, b.x, lane), __shfl_sync(kAllLanes, b.y, lane), __shfl_sync(kAllLanes, b.columns, lane), __shfl_sync(kAllLanes, b.count, lane)};
+  return {__shfl_sync(kAllLanes, b.x, lane), __shfl_sync(kAllLanes, b.y, lane), __shfl_sync(kAllLanes, b.columns, lane),
+          __shfl_sync(kAllLanes, b.count, lane)};
 }
 
 // False if an edge rejects the bin.
@@ -32,7 +33,8 @@ struct Entry {
   NarrowEdge edge[3];  // from the bin's first pixel
   float zmin, zmax;
   uint32_t triangle;
-  // Slot of the record << 5 | whether finish_depth changes nothing but the type of its plane in the area entered for << 4 | whether it covers that << 3 | its flags.
+  // Slot of the record << 5 | whether finish_depth changes nothing but the type of its plane in the area entered for <<
+  // 4 | whether it covers that << 3 | its flags.
   uint32_t info;
   float nearest;  // depth in that area
 
@@ -72,9 +74,11 @@ struct Meeting {
   }
 };
 
-// Of the record in a slot and the area of a bin, px from the bin's corner. Extremes in int64: an edge far away does not fit 32 bits; one that crosses the bin does. Without branches: the
-// edges and the depth are independent of each other, and what takes time here is waiting for one result after the other.
-__device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_x, int bin_y, int left, int top, int columns, int rows) {
+// Of the record in a slot and the area of a bin, px from the bin's corner. Extremes in int64: an edge far away does not
+// fit 32 bits; one that crosses the bin does. Without branches: the edges and the depth are independent of each other,
+// and what takes time here is waiting for one result after the other.
+__device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_x, int bin_y, int left, int top,
+                                        int columns, int rows) {
   Meeting m;
   m.constant = 0;
   bool meets = true, full = true;
@@ -95,7 +99,8 @@ __device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_
   }
   m.zcell = weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], r.area);
   const CellPlane plane = {m.zcell, r.dzdx, r.dzdy};
-  const double nearest = corner_plane(plane, left, top, columns - 1, rows - 1, false), farthest = corner_plane(plane, left, top, columns - 1, rows - 1, true);
+  const double nearest = corner_plane(plane, left, top, columns - 1, rows - 1, false),
+               farthest = corner_plane(plane, left, top, columns - 1, rows - 1, true);
   const bool thin = r.flags & kRecordThin, hides = full && !(r.flags & kRecordFar);
   const bool plain = !thin && r.zmin > 0.0f && r.zmax <= 1.0f && (float)nearest >= r.zmin && (float)farthest <= r.zmax;
   m.nearest = !meets ? kNotANumber : thin ? r.zmin : finish_depth(nearest, r.zmin, r.zmax);
@@ -118,12 +123,15 @@ __device__ __forceinline__ float bound_depth(const Entry& e, int x, int y, int l
 }
 
 // Depth of pixel (x, y) of the image of a thin record. A call, so that its registers cost the others nothing.
-__device__ __noinline__ float thin_depth(const Record* r, int x, int y) { return finish_depth(depth_at(r->x, r->y, r->z, r->area, x, y), r->zmin, r->zmax); }
+__device__ __noinline__ float thin_depth(const Record* r, int x, int y) {
+  return finish_depth(depth_at(r->x, r->y, r->z, r->area, x, y), r->zmin, r->zmax);
+}
 
 // 64 bits at once.
 __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, bool read_first) {
   if (read_first && __ldcg(pixel) <= packed) return;
-  // The address space is named, since in a function that is called the compiler cannot know it and would make three of this.
+  // The address space is named, since in a function that is called the compiler cannot know it and would make three of
+  // this.
   asm volatile("red.relaxed.gpu.global.min.s64 [%0], %1;" ::"l"(__cvta_generic_to_global(pixel)), "l"(packed));
 }
 

@@ -40,7 +40,8 @@ cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_byte
     *blocks = found->second;
     return cudaSuccess;
   }
-  if (shared_bytes > 48 * 1024) BIGTRI_CUDA(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)shared_bytes));
+  if (shared_bytes > 48 * 1024)
+    BIGTRI_CUDA(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)shared_bytes));
   int processors, each;
   BIGTRI_CUDA(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device));
   BIGTRI_CUDA(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&each, kernel, threads, (size_t)shared_bytes));

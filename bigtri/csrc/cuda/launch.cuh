@@ -7,7 +7,8 @@
 
 namespace bigtri {
 
-// Whether a kernel can be launched before the one in front of it has ended: on a device of compute capability 9, and if it was compiled for one, so that it waits where it has to.
+// Whether a kernel can be launched before the one in front of it has ended: on a device of compute capability 9, and if
+// it was compiled for one, so that it waits where it has to.
 cudaError_t overlaps_launches(const void* kernel, bool* yes);
 
 // As many blocks of the kernel as the current device holds at once; asked for once per kernel and device.
@@ -47,7 +48,8 @@ namespace {
     if (error_ != cudaSuccess) return error_; \
   } while (0)
 
-// Blocks for work that is taken in turns: no more than there is work, and as many as the device holds at once, or `wanted` where that is not 0.
+// Blocks for work that is taken in turns: no more than there is work, and as many as the device holds at once, or
+// `wanted` where that is not 0.
 template <class Kernel>
 cudaError_t blocks_for(Kernel kernel, int threads, int64_t shared_bytes, int64_t work, int64_t wanted, int* blocks) {
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), threads, shared_bytes, blocks));
@@ -57,11 +59,14 @@ cudaError_t blocks_for(Kernel kernel, int threads, int64_t shared_bytes, int64_t
 }
 
 // Blocks of a grid for `count` things at `each` a block; more than a grid can have take turns. At least one.
-inline int64_t grid_blocks(int64_t count, int64_t each) { return max_of<int64_t>(1, min_of<int64_t>((count - 1) / each + 1, INT32_MAX)); }
+inline int64_t grid_blocks(int64_t count, int64_t each) {
+  return max_of<int64_t>(1, min_of<int64_t>((count - 1) / each + 1, INT32_MAX));
+}
 
-// A kernel of a frame begins while the one in front of it still ends: it may not touch what that one writes before wait_for_previous(), which every kernel but a frame's first calls, so that
-// none can overtake the one before last either. What the one before last has written it may read at once if the one in front lets it begin only after having waited itself: then that was
-// complete in memory before.
+// A kernel of a frame begins while the one in front of it still ends: it may not touch what that one writes before
+// wait_for_previous(), which every kernel but a frame's first calls, so that none can overtake the one before last
+// either. What the one before last has written it may read at once if the one in front lets it begin only after having
+// waited itself: then that was complete in memory before.
 __device__ __forceinline__ void wait_for_previous() {
 #if __CUDA_ARCH__ >= 900
   cudaGridDependencySynchronize();
@@ -73,10 +78,11 @@ __device__ __forceinline__ void let_next_begin() {
 #endif
 }
 
-// Launches a kernel, with an attribute or none, and answers for this launch; cudaGetLastError might tell of an older one of the caller's.
+// Launches a kernel, with an attribute or none, and answers for this launch; cudaGetLastError might tell of an older
+// one of the caller's.
 template <class... Parameters, class... Arguments>
-cudaError_t launch_with(cudaLaunchAttribute* attribute, void (*kernel)(Parameters...), int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
-                        const Arguments&... arguments) {
+cudaError_t launch_with(cudaLaunchAttribute* attribute, void (*kernel)(Parameters...), int64_t blocks, int threads,
+                        int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
   cudaLaunchConfig_t config = {};
   config.gridDim = dim3((unsigned)blocks);
   config.blockDim = dim3((unsigned)threads);
@@ -89,13 +95,15 @@ cudaError_t launch_with(cudaLaunchAttribute* attribute, void (*kernel)(Parameter
 
 // After all that is in the stream.
 template <class Kernel, class... Arguments>
-cudaError_t launch_first(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
+cudaError_t launch_first(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
+                         const Arguments&... arguments) {
   return launch_with(nullptr, kernel, blocks, threads, shared_bytes, stream, arguments...);
 }
 
 // Behind another kernel of the same frame.
 template <class Kernel, class... Arguments>
-cudaError_t launch_next(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
+cudaError_t launch_next(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
+                        const Arguments&... arguments) {
   bool overlap;
   BIGTRI_CUDA(overlaps_launches(reinterpret_cast<const void*>(kernel), &overlap));
   cudaLaunchAttribute attribute = {};
@@ -106,7 +114,8 @@ cudaError_t launch_next(Kernel kernel, int64_t blocks, int threads, int64_t shar
 
 // All blocks at once, so that they may wait for each other; an error where they do not fit.
 template <class Kernel, class... Arguments>
-cudaError_t launch_together(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
+cudaError_t launch_together(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
+                            const Arguments&... arguments) {
   cudaLaunchAttribute attribute = {};
   attribute.id = cudaLaunchAttributeCooperative;
   attribute.val.cooperative = 1;
@@ -120,9 +129,11 @@ cudaError_t each_view(const Frame& f, const Draw& draw) {
   return cudaSuccess;
 }
 
-// The first of the next n places, or `room` where there are none left. The count goes on all the same, in 64 bits, so that no number of triangles makes it wrap.
+// The first of the next n places, or `room` where there are none left. The count goes on all the same, in 64 bits, so
+// that no number of triangles makes it wrap.
 __device__ __forceinline__ uint32_t claim(uint64_t* count, uint32_t room, uint32_t n) {
-  return (uint32_t)min_of<uint64_t>(atomicAdd(reinterpret_cast<unsigned long long*>(count), (unsigned long long)n), room);
+  return (uint32_t)min_of<uint64_t>(atomicAdd(reinterpret_cast<unsigned long long*>(count), (unsigned long long)n),
+                                    room);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
-// What waits for the blocks that own bins: records, and for each bin a list of those that touch it. A record that touches many bins, or finds a list full, goes to one more list, which all
-// blocks look at for all bins: nothing is lost, and a triangle that fills the screen does not take an atomic for each of its bins.
+// What waits for the blocks that own bins: records, and for each bin a list of those that touch it. A record that
+// touches many bins, or finds a list full, goes to one more list, which all blocks look at for all bins: nothing is
+// lost, and a triangle that fills the screen does not take an atomic for each of its bins.
 #pragma once
 
 #include "launch.cuh"
@@ -37,7 +38,8 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t ro
   w.columns = bin_columns(f.view);
   w.bins = w.columns * bin_rows(f.view);
   w.room = (uint32_t)room;
-  // In proportion to the queue, so that it changes both; by default 1024, and fewer where images are so large that all lists together would take too much.
+  // In proportion to the queue, so that it changes both; by default 1024, and fewer where images are so large that all
+  // lists together would take too much.
   w.listed = (int)max_of<int64_t>(1, min_of<int64_t>(queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / w.bins));
   w.wide_above = max_of(64, w.bins / 64);  // an atomic for each bin, against a look for each bin of the image
   w.records = scratch->take<Record>(room);
@@ -51,8 +53,8 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t ro
   return w;
 }
 
-// Puts the lanes' records, which are in their slots already, into the lists of the bins that no edge rejects; two records at a time, half of the lanes each, so that a large one does not
-// hold up a lane. By all lanes.
+// Puts the lanes' records, which are in their slots already, into the lists of the bins that no edge rejects; two
+// records at a time, half of the lanes each, so that a large one does not hold up a lane. By all lanes.
 __device__ __forceinline__ void put_into_lists(const Waiting& w, const Primitive& p, bool have, uint32_t slot) {
   constexpr int kTeam = kWarp / 2;
   const BinBox bins = bin_box(p);
@@ -106,7 +108,9 @@ struct ListedCandidates {
   __device__ __forceinline__ int listed(int bin_x, int bin_y) const {
     return !any ? 0 : (int)min_of(waiting.sizes[bin(bin_x, bin_y)], (uint32_t)waiting.listed);
   }
-  __device__ __forceinline__ int listed_slot(int bin_x, int bin_y, int i) const { return (int)waiting.slots[(int64_t)bin(bin_x, bin_y) * waiting.listed + i]; }
+  __device__ __forceinline__ int listed_slot(int bin_x, int bin_y, int i) const {
+    return (int)waiting.slots[(int64_t)bin(bin_x, bin_y) * waiting.listed + i];
+  }
 };
 
 }  // namespace

@@ -1,4 +1,5 @@
-// Parameters of variants: how the kernels are launched. None of them changes a bit of the picture; docs/cuda.md has the measurements behind the numbers.
+// Parameters of variants: how the kernels are launched. None of them changes a bit of the picture; docs/cuda.md has the
+// measurements behind the numbers.
 #pragma once
 
 #include <string.h>
@@ -8,10 +9,14 @@
 namespace bigtri {
 
 // Those that several variants have.
-#define BIGTRI_BLOCKS_PARAMETER(X) X(blocks, "blocks", "of a kernel whose blocks take work in turns; 0: as many as the device holds at once", 0, 0, 1 << 20)
-#define BIGTRI_QUEUE_PARAMETER(X) X(queue, "records", "that may wait; what finds no room is drawn on the spot, or last", 1 << 18, 1, 1 << 24)
+#define BIGTRI_BLOCKS_PARAMETER(X)                                                                                 \
+  X(blocks, "blocks", "of a kernel whose blocks take work in turns; 0: as many as the device holds at once", 0, 0, \
+    1 << 20)
+#define BIGTRI_QUEUE_PARAMETER(X) \
+  X(queue, "records", "that may wait; what finds no room is drawn on the spot, or last", 1 << 18, 1, 1 << 24)
 
-// From a variant's list, X(name, unit, what it is, standard, lowest, highest[, the only ones allowed]) for each, in the variant's namespace: the parameters, and their values by name.
+// From a variant's list, X(name, unit, what it is, standard, lowest, highest[, the only ones allowed]) for each, in the
+// variant's namespace: the parameters, and their values by name.
 #define BIGTRI_PARAMETER(NAME, ...) {#NAME, __VA_ARGS__},
 #define BIGTRI_PARAMETER_VALUE(NAME, ...) int64_t NAME;
 #define BIGTRI_PARAMETERS(LIST)                                   \

@@ -1,6 +1,7 @@
-// A block owns patches of bins, 64 px wide, and each of its warps a region of each. Candidates are looked at once for a whole patch, a thread each, and for as many patches at once as there
-// are threads.
-// Hidden surfaces are rejected without sorting, per patch and per region: whatever covers an area completely bounds the depth behind which nothing can be seen.
+// A block owns patches of bins, 64 px wide, and each of its warps a region of each. Candidates are looked at once for a
+// whole patch, a thread each, and for as many patches at once as there are threads. Hidden surfaces are rejected
+// without sorting, per patch and per region: whatever covers an area completely bounds the depth behind which nothing
+// can be seen.
 #pragma once
 
 #include "region.cuh"
@@ -9,14 +10,17 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// The bins that a record or primitive touches, first and last column and row, a byte each: what a block looks at before the record itself.
+// The bins that a record or primitive touches, first and last column and row, a byte each: what a block looks at before
+// the record itself.
 template <class Boxed>
 __device__ __forceinline__ uint32_t box_of(const Boxed& r) {
-  return (uint32_t)(r.x0 / kBin) | (uint32_t)(r.y0 / kBin) << 8 | (uint32_t)((r.x1 - 1) / kBin) << 16 | (uint32_t)((r.y1 - 1) / kBin) << 24;
+  return (uint32_t)(r.x0 / kBin) | (uint32_t)(r.y0 / kBin) << 8 | (uint32_t)((r.x1 - 1) / kBin) << 16 |
+         (uint32_t)((r.y1 - 1) / kBin) << 24;
 }
 constexpr uint32_t kNoBox = 0x000000ff;  // first column after the last: in no bin
 __device__ __forceinline__ bool in_box(uint32_t box, int bin_x, int bin_y) {
-  return bin_x >= (int)(box & 0xff) && bin_y >= (int)(box >> 8 & 0xff) && bin_x <= (int)(box >> 16 & 0xff) && bin_y <= (int)(box >> 24);
+  return bin_x >= (int)(box & 0xff) && bin_y >= (int)(box >> 8 & 0xff) && bin_x <= (int)(box >> 16 & 0xff) &&
+         bin_y <= (int)(box >> 24);
 }
 
 // Records one after the other.
@@ -29,8 +33,9 @@ struct Candidates {
   __device__ __forceinline__ uint32_t box(int i) const { return boxes[i]; }
 };
 
-// Blocks that own pixels draw so many records together for each of their warps. With 19 records a warp where a block sets up all triangles itself (FewShared in bin_owned.cu), that is as
-// many as fit 64 KiB of shared memory, which a block can have on all devices.
+// Blocks that own pixels draw so many records together for each of their warps. With 19 records a warp where a block
+// sets up all triangles itself (FewShared in bin_owned.cu), that is as many as fit 64 KiB of shared memory, which a
+// block can have on all devices.
 constexpr int kEntriesOfWarp = 22;
 constexpr int kMostWarps = 16;  // of such a block
 constexpr int kMostEntries = kEntriesOfWarp * kMostWarps;
@@ -52,7 +57,8 @@ struct alignas(16) Patch {
   __host__ __device__ static int count(const Viewport& v) { return bin_columns(v) * ((v.height + kRows - 1) / kRows); }
   __device__ static Patch at(const Viewport& v, int i) {
     const int row = i / bin_columns(v);
-    return {row * kRows < v.height ? (i - row * bin_columns(v)) * kBin : kNowhere, row * kRows, float_bits(kInfinity), 0};
+    return {row * kRows < v.height ? (i - row * bin_columns(v)) * kBin : kNowhere, row * kRows, float_bits(kInfinity),
+            0};
   }
 };
 
@@ -69,20 +75,23 @@ __device__ __forceinline__ T reread(const T& v) {
   return *const_cast<const volatile T*>(&v);
 }
 
-// Shared memory of a block that owns patches. What all of its threads know is here too, and read again where it is needed: the registers are for drawing, and what spills out of them comes
-// back from far away.
+// Shared memory of a block that owns patches. What all of its threads know is here too, and read again where it is
+// needed: the registers are for drawing, and what spills out of them comes back from far away.
 template <int kWarps>
 struct PatchShared {
   static constexpr int kThreads = kWarps * kWarp, kMaxEntries = kEntriesOfWarp * kWarps;
   Entry entries[kMaxEntries];  // of records in the bin that a patch lies in
   uint16_t list[kThreads];  // those that can be seen: a part for each patch
-  // The threads' next candidates, while those gathered are drawn because there is no room for more; from the last thread to the first, since else the compiler keeps an address.
+  // The threads' next candidates, while those gathered are drawn because there is no room for more; from the last
+  // thread to the first, since else the compiler keeps an address.
   int32_t cursor[kThreads];
   Patch<kWarps> patch[kTurn];
   int entry_count;  // asked for
   int count;  // candidates that all patches look at
   int listed[kTurn];  // candidates of each patch besides, in its bin's list
-  int together_bits;  // 2^together_bits patches are looked at together: as many as there are threads to look at the candidates of each
+  // 2^together_bits patches are looked at together: as many as there are threads to look at the candidates of
+  // each.
+  int together_bits;
   int next_turn;  // number of its first patch
   bool last_turn;  // there is no next one
   int patches;  // of this turn
@@ -112,8 +121,10 @@ __device__ __forceinline__ PatchShared<kWarps>* patch_shared() {
 
 enum class Output { kWrite, kMerge };  // alone on the frame, or beside others
 
-// Draws entries into a region: what misses it or lies behind it first falls out, an entry a lane. empty: the region holds nothing yet.
-__device__ __forceinline__ void draw_all(Region& region, const Entry* entries, const uint16_t* list, int count, bool empty, const Record* records) {
+// Draws entries into a region: what misses it or lies behind it first falls out, an entry a lane. empty: the region
+// holds nothing yet.
+__device__ __forceinline__ void draw_all(Region& region, const Entry* entries, const uint16_t* list, int count,
+                                         bool empty, const Record* records) {
   const int x = region.x(), y = region.y();
   for (int base = 0; base < count; base += kWarp) {
     bool keep = base + lane_id() < count, full = keep;
@@ -129,7 +140,8 @@ __device__ __forceinline__ void draw_all(Region& region, const Entry* entries, c
       const float behind = bound_depth(e, x, y, kRegion - 1, kRegion - 1, true);
       farthest = full && !e.far() ? behind : kInfinity;
     }
-    region.far = min_of(region.far, bits_float(warp_min(float_bits(farthest))));  // depths are not negative: their bits are in order
+    region.far = min_of(
+        region.far, bits_float(warp_min(float_bits(farthest))));  // depths are not negative: their bits are in order
     keep = keep && nearest <= region.far;
     const unsigned whole = __ballot_sync(kAllLanes, full);
     for (unsigned todo = __ballot_sync(kAllLanes, keep); todo; todo &= todo - 1) {
@@ -151,7 +163,8 @@ __device__ __forceinline__ Region region_of(const Patch<kWarps>& p) {
   return region;
 }
 
-// The block's turn that begins with patch number `first`. By all threads, of which the last warp's do it, for others may have more to do; a barrier has to follow.
+// The block's turn that begins with patch number `first`. By all threads, of which the last warp's do it, for others
+// may have more to do; a barrier has to follow.
 template <int kWarps>
 __device__ __forceinline__ void begin_turn(const Frame& f, int first, int cleared = 0) {
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
@@ -169,7 +182,8 @@ __device__ __forceinline__ void begin_turn(const Frame& f, int first, int cleare
   }
 }
 
-// Calls use(box) for candidates i, i + step, ... until it returns true; returns that i, or count. Where there are many, four boxes at once, so that their loads do not wait for each other.
+// Calls use(box) for candidates i, i + step, ... until it returns true; returns that i, or count. Where there are many,
+// four boxes at once, so that their loads do not wait for each other.
 template <bool kLists, class Candidates, class Use>
 __device__ __forceinline__ int find_box(const Candidates& candidates, int i, int step, int count, const Use& use) {
   constexpr int kAtOnce = 4;
@@ -187,13 +201,15 @@ __device__ __forceinline__ int find_box(const Candidates& candidates, int i, int
   return count;
 }
 
-// Makes entries of the candidates for the patches from `group` on, as many as there is room for. By all threads; ends with a barrier.
+// Makes entries of the candidates for the patches from `group` on, as many as there is room for. By all threads; ends
+// with a barrier.
 template <int kWarps, class Candidates>
 __device__ __forceinline__ void gather(const Candidates& candidates, int group, int room) {
   constexpr int kThreads = kWarps * kWarp;
   constexpr bool kLists = Candidates::kLists;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
-  const int each = kThreads >> s->together_bits, local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
+  const int each = kThreads >> s->together_bits,
+            local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
   Patch<kWarps>& patch = s->patch[group + local];
   const int left = patch.left, top = patch.top;
   // The patch's candidates: first those in the list of its bin, then those of all bins.
@@ -201,8 +217,8 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
   // This thread's next candidate in the bin of its patch, from i on.
   const auto next = [&](int i) {
     if (kLists && i < listed) return i;
-    return listed +
-           find_box<kLists>(candidates, i - listed, each, count - listed, [&](uint32_t box) { return in_box(box, left >> kBinBits, top >> kBinBits); });
+    return listed + find_box<kLists>(candidates, i - listed, each, count - listed,
+                                     [&](uint32_t box) { return in_box(box, left >> kBinBits, top >> kBinBits); });
   };
   const auto slot_of = [&](int i) {
     if constexpr (kLists)
@@ -215,7 +231,8 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
     Meeting m = {kNotANumber};  // all of it, or registers would be kept for what the last round left
     if (i < count) {
       const int slot = slot_of(i);
-      m = meet(candidates.records[slot], (uint32_t)slot, left >> kBinBits, top >> kBinBits, 0, top & (kBin - 1), kBin, Patch<kWarps>::kRows);
+      m = meet(candidates.records[slot], (uint32_t)slot, left >> kBinBits, top >> kBinBits, 0, top & (kBin - 1), kBin,
+               Patch<kWarps>::kRows);
       if (m.farthest < kInfinity) atomicMin(&patch.far, float_bits(m.farthest));
     }
     __syncthreads();
@@ -236,7 +253,8 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
   if (s->entry_count > room) s->cursor[kThreads - 1 - this_thread()] = i;
 }
 
-// Notes how many candidates each patch of the turn has in the list of its bin, and so how many patches are looked at together. By all threads; ends with a barrier.
+// Notes how many candidates each patch of the turn has in the list of its bin, and so how many patches are looked at
+// together. By all threads; ends with a barrier.
 template <int kWarps, class Candidates>
 __device__ __forceinline__ void measure_lists(const Candidates& candidates) {
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
@@ -253,7 +271,8 @@ __device__ __forceinline__ void measure_lists(const Candidates& candidates) {
   __syncthreads();
 }
 
-// Looks at the candidates once for all patches of the turn: which of them have any. By all threads; ends with a barrier.
+// Looks at the candidates once for all patches of the turn: which of them have any. By all threads; ends with a
+// barrier.
 template <int kWarps, class Candidates>
 __device__ __forceinline__ void find_touched(const Candidates& candidates) {
   constexpr int kThreads = kWarps * kWarp;
@@ -277,10 +296,11 @@ __device__ __forceinline__ void draw_background(const Frame& f, const Patch<kWar
   region.store(f);
 }
 
-// Draws what is in the list into a region of the image. empty: nothing has been drawn there yet, or what is drawn is merged.
+// Draws what is in the list into a region of the image. empty: nothing has been drawn there yet, or what is drawn is
+// merged.
 template <Output kOutput>
-__device__ __forceinline__ void draw_region(const Frame& f, Region& region, const Entry* entries, const uint16_t* list, int count, bool empty,
-                                            const Record* records) {
+__device__ __forceinline__ void draw_region(const Frame& f, Region& region, const Entry* entries, const uint16_t* list,
+                                            int count, bool empty, const Record* records) {
   if (kOutput == Output::kWrite && count == 0) {
     region.clear();
     region.store(f);
@@ -299,10 +319,12 @@ __device__ __forceinline__ void draw_region(const Frame& f, Region& region, cons
   }
 }
 
-// Draws the patches that are this block's, by all of its threads. What can be seen gathers in shared memory; then each warp draws its region of each patch, the pixels in registers, mostly
-// once. If more gathers than there is room for, the patches are drawn several times, each time from what the last one left. Before: begin_turn(f, blockIdx.x), PatchShared::begin, a barrier.
-// Candidates: const Record* records; of those that all patches look at uint32_t box(int i), int slot(int i); kLists: there can be more of them than half as many as threads, and there are
-// lists for each bin besides, int listed(int bin_x, int bin_y), int listed_slot(int bin_x, int bin_y, int i).
+// Draws the patches that are this block's, by all of its threads. What can be seen gathers in shared memory; then each
+// warp draws its region of each patch, the pixels in registers, mostly once. If more gathers than there is room for,
+// the patches are drawn several times, each time from what the last one left. Before: begin_turn(f, blockIdx.x),
+// PatchShared::begin, a barrier. Candidates: const Record* records; of those that all patches look at uint32_t box(int
+// i), int slot(int i); kLists: there can be more of them than half as many as threads, and there are lists for each bin
+// besides, int listed(int bin_x, int bin_y), int listed_slot(int bin_x, int bin_y, int i).
 template <int kWarps, Output kOutput, class Candidates>
 __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& candidates, int room) {
   constexpr int kThreads = kWarps * kWarp;

@@ -1,6 +1,7 @@
-// The persistent-kernel variant: one kernel whose blocks stay. All set up triangles and put them into a queue for each bin; then blocks own bins, first come, first served, draw a bin's
-// queue into a copy of the bin in shared memory, a warp owning a row of its tiles, and write each pixel once. Between the two all blocks wait for each other.
-// More triangles than there is room for records take several passes, each going on from the frame that the last one left.
+// The persistent-kernel variant: one kernel whose blocks stay. All set up triangles and put them into a queue for each
+// bin; then blocks own bins, first come, first served, draw a bin's queue into a copy of the bin in shared memory, a
+// warp owning a row of its tiles, and write each pixel once. Between the two all blocks wait for each other. More
+// triangles than there is room for records take several passes, each going on from the frame that the last one left.
 
 #include "depth_image.h"
 #include "direct.cuh"
@@ -15,7 +16,8 @@ namespace {
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 constexpr int kThreads = 256, kWarps = kThreads / kWarp;
-constexpr int kPassTriangles = 1 << 18, kPassParts = 1 << 16;  // records of a pass: of whole triangles, and of the parts of clipped ones
+constexpr int kPassTriangles = 1 << 18,
+              kPassParts = 1 << 16;  // records of a pass: of whole triangles, and of the parts of clipped ones
 constexpr int kQueueBytes = 32 << 20;  // for all bins together
 static_assert(kWarps == kBin / kTile, "a warp for every row of tiles");
 
@@ -78,7 +80,8 @@ __device__ __forceinline__ void put(const Job& j, const Record& r, const BinBox&
   if (at < (uint32_t)j.room) j.queues[(int64_t)bin * j.room + at] = slot;
 }
 
-// The lanes' records to the queues of their bins: a lane its own where it has few, all lanes together where one has many.
+// The lanes' records to the queues of their bins: a lane its own where it has few, all lanes together where one has
+// many.
 __device__ __forceinline__ void queue_records(const Job& j, bool have, uint32_t slot) {
   constexpr int kFew = 4;
   BinBox bins = {0, 0, 0, 0};
@@ -135,7 +138,8 @@ __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int coun
       if (lane_id() == 0) at = atomicAdd(&j.counters->parts, (uint32_t)__popc(all));
       at = __shfl_sync(kAllLanes, at, 0);
       if (at + __popc(all) > (uint32_t)j.parts) {  // all parts or none
-        for (uint32_t i = at + lane_id(); i < min_of<uint32_t>(at + __popc(all), (uint32_t)j.parts); i += kWarp) j.valid[j.pass + i] = 0;
+        for (uint32_t i = at + lane_id(); i < min_of<uint32_t>(at + __popc(all), (uint32_t)j.parts); i += kWarp)
+          j.valid[j.pass + i] = 0;
         if (lane_id() == 0) j.deferred[atomicAdd(&j.counters->deferred, 1u)] = triangle;
         continue;
       }
@@ -153,7 +157,8 @@ __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int coun
 }
 
 // A warp's row of tiles of one entry, into shared memory.
-__device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records, const Entry& e, int bin_x, int bin_y, int row, int64_t* pixels) {
+__device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records, const Entry& e, int bin_x, int bin_y,
+                                           int row, int64_t* pixels) {
   bool any = true, all = true;
   for (int k = 0; k < 3; ++k) {
     const int32_t at = tile_edge(e.edge[k], lane_id() & 7, row);
@@ -171,8 +176,9 @@ __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records
       if (!(full >> tile & 1))
         for (int k = 0; k < 3; ++k) outside |= e.edge[k].f + i * e.edge[k].sx + y * e.edge[k].sy;
       if (outside < 0 || px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) continue;
-      const float z =
-          e.thin() ? thin_depth(records + e.slot(), px, py) : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
+      const float z = e.thin()
+                          ? thin_depth(records + e.slot(), px, py)
+                          : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
       int64_t& pixel = pixels[y * kBin + i];
       pixel = min_of(pixel, pack_fragment(z, e.triangle));
     }
@@ -183,7 +189,8 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
   const int bin_x = bin % j.bins_x, bin_y = bin / j.bins_x, warp = threadIdx.x / kWarp;
   for (int i = threadIdx.x; i < kBin * kBin; i += kThreads) {
     const int px = bin_x * kBin + i % kBin, py = bin_y * kBin + i / kBin;
-    s->pixels[i] = !first_pass && px < f.view.width && py < f.view.height ? f.packed[(int64_t)py * f.view.width + px] : kBackground;
+    s->pixels[i] = !first_pass && px < f.view.width && py < f.view.height ? f.packed[(int64_t)py * f.view.width + px]
+                                                                          : kBackground;
   }
   if (threadIdx.x == 0) s->far = float_bits(kInfinity);
   const uint32_t waiting = j.bin_count[bin];
@@ -199,7 +206,8 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
       const bool valid = listed || ((i < count || i >= j.pass) && j.valid[i]);
       if (valid) {
         const Record& r = j.records[slot];
-        const bool inside = listed || (r.x0 / kBin <= bin_x && (r.x1 - 1) / kBin >= bin_x && r.y0 / kBin <= bin_y && (r.y1 - 1) / kBin >= bin_y);
+        const bool inside = listed || (r.x0 / kBin <= bin_x && (r.x1 - 1) / kBin >= bin_x && r.y0 / kBin <= bin_y &&
+                                       (r.y1 - 1) / kBin >= bin_y);
         if (inside) {
           const Meeting meeting = meet(r, (uint32_t)slot, bin_x, bin_y, 0, 0, kBin, kBin);
           if (meeting.meets()) meeting.make_entry(r, &s->entries[atomicAdd(&s->count, 1)]);
@@ -232,7 +240,8 @@ __device__ void draw_deferred(const Frame& f, const Job& j, int count, Shared* s
   }
 }
 
-__global__ void __launch_bounds__(kThreads) stay_and_draw(const __grid_constant__ Frame f, const __grid_constant__ Job j) {
+__global__ void __launch_bounds__(kThreads)
+    stay_and_draw(const __grid_constant__ Frame f, const __grid_constant__ Job j) {
   extern __shared__ __align__(16) char memory[];
   Shared* s = reinterpret_cast<Shared*>(memory);
   uint32_t expected = 0;
@@ -288,8 +297,10 @@ cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaSt
 }  // namespace
 
 extern const CudaVariant persistent_variant;
-const CudaVariant persistent_variant = {"persistent", "one kernel that stays, a queue for each bin, a bin in shared memory: another project's; docs/cuda.md",
-                                        kParameters, scratch_bytes, draw};
+const CudaVariant persistent_variant = {
+    "persistent",
+    "one kernel that stays, a queue for each bin, a bin in shared memory: another project's; docs/cuda.md", kParameters,
+    scratch_bytes, draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

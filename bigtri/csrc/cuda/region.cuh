@@ -1,5 +1,5 @@
-// Owned pixels: a warp owns 16x16 px, a lane 8 of them in registers, and stores each once: no clear, no atomics. Where others draw at the same time, it merges each with one atomic minimum
-// instead.
+// Owned pixels: a warp owns 16x16 px, a lane 8 of them in registers, and stores each once: no clear, no atomics. Where
+// others draw at the same time, it merges each with one atomic minimum instead.
 #pragma once
 
 #include "fragment.cuh"
@@ -11,20 +11,23 @@ namespace {
 constexpr int kRegion = 16;  // px
 constexpr int kLanePixels = 8;  // two next to each other in each of four rows, four rows apart
 
-// In one instruction: the compiler would make two of most. Streaming: nobody here reads them again, and lines that leave the cache first in the order in which they came are written out
-// faster.
+// In one instruction: the compiler would make two of most. Streaming: nobody here reads them again, and lines that
+// leave the cache first in the order in which they came are written out faster.
 __device__ __forceinline__ void store_pair(int64_t* to, int64_t a, int64_t b) {
   asm volatile("st.global.cs.v2.s64 [%0], {%1, %2};" ::"l"(to), "l"(a), "l"(b) : "memory");
 }
 
-// The same number, which the compiler can compute nothing from before this place: what would wait in a register, or out of one, while a region is drawn.
+// The same number, which the compiler can compute nothing from before this place: what would wait in a register, or out
+// of one, while a region is drawn.
 __device__ __forceinline__ int computed_here(int v) {
   asm volatile("" : "+r"(v));
   return v;
 }
 
 // Whether two pixels can be stored at once wherever x is even.
-__device__ __forceinline__ bool wide_rows(const Frame& f) { return ((computed_here(f.view.width) & 1) | (computed_here((int)(uintptr_t)f.packed) & 15)) == 0; }
+__device__ __forceinline__ bool wide_rows(const Frame& f) {
+  return ((computed_here(f.view.width) & 1) | (computed_here((int)(uintptr_t)f.packed) & 15)) == 0;
+}
 
 // A pixel's place in the image: below 2^28, and 2^29 for those beyond its edges.
 __device__ __forceinline__ uint32_t offset_of(const Frame& f, int x, int y) { return (uint32_t)(y * f.view.width + x); }
@@ -76,7 +79,8 @@ struct Region {
       uint32_t outside = 0;
 #pragma unroll
       for (int row = 0; row < 4; ++row) {
-        const int32_t left = at[0] | at[1] | at[2], right = (at[0] + e.edge[0].sx) | (at[1] + e.edge[1].sx) | (at[2] + e.edge[2].sx);
+        const int32_t left = at[0] | at[1] | at[2],
+                      right = (at[0] + e.edge[0].sx) | (at[1] + e.edge[1].sx) | (at[2] + e.edge[2].sx);
         outside = __funnelshift_l((uint32_t)right, __funnelshift_l((uint32_t)left, outside, 1), 1);  // sign bits
         for (int k = 0; k < 3; ++k) at[k] += step[k];
       }
@@ -102,9 +106,12 @@ struct Region {
   // Calls use(index in best, plane) for the lane's pixels.
   template <class Use>
   __device__ __forceinline__ void each_depth(const Entry& e, const Use& use) const {
-    // Sums of small integers are exact, and cheaper than conversions. Not computed once for all entries: there are no registers to keep them in.
-    const double column = exact_double(computed_here(lane_left() & (kBin - 1))), line = exact_double(computed_here(lane_top() & (kBin - 1)));
-    const double left = plane_column<double>(e.plane.dzdx, column), right = plane_column<double>(e.plane.dzdx, column + 1.0);
+    // Sums of small integers are exact, and cheaper than conversions. Not computed once for all entries: there are no
+    // registers to keep them in.
+    const double column = exact_double(computed_here(lane_left() & (kBin - 1))),
+                 line = exact_double(computed_here(lane_top() & (kBin - 1)));
+    const double left = plane_column<double>(e.plane.dzdx, column),
+                 right = plane_column<double>(e.plane.dzdx, column + 1.0);
 #pragma unroll
     for (int row = 0; row < 4; ++row) {
       const double start = plane_row<double>(e.plane.zcell, e.plane.dzdy, line + 4.0 * row);
@@ -119,10 +126,10 @@ struct Region {
     for (int n = 0; n < kLanePixels; ++n) {
       if (!(covered & bit_of(n))) continue;
       const int px = lane_left() + n % 2, py = lane_top() + n / 2 * 4;
-      const float z = e.thin()
-                          ? thin_depth(records + e.slot(), px, py)
-                          : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, py & (kBin - 1)) + plane_column<double>(e.plane.dzdx, px & (kBin - 1)),
-                                         e.zmin, e.zmax);
+      const float z = e.thin() ? thin_depth(records + e.slot(), px, py)
+                               : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, py & (kBin - 1)) +
+                                                  plane_column<double>(e.plane.dzdx, px & (kBin - 1)),
+                                              e.zmin, e.zmax);
       const int64_t packed = pack_fragment(z, e.triangle);
 #pragma unroll
       for (int m = 0; m < kLanePixels; ++m)
@@ -157,7 +164,8 @@ struct Region {
 #pragma unroll
       for (int row = 0; row < 4; ++row) store_pair(to + row * down, best[2 * row], best[2 * row + 1]);
     } else {  // where a lane's pixels do not lie in one place of 16 bytes, its second and the next lane's first do
-      const bool shifted = ((uintptr_t)to & 15) != 0;  // all four rows are, or none: they are an even number of rows apart
+      const bool shifted =
+          ((uintptr_t)to & 15) != 0;  // all four rows are, or none: they are an even number of rows apart
       const bool first = (lane_id() & 7) == 0, last = (lane_id() & 7) == 7;
 #pragma unroll
       for (int row = 0; row < 4; ++row) {
@@ -167,7 +175,8 @@ struct Region {
           store_pair(at, best[2 * row], best[2 * row + 1]);
         else if (!last)
           store_pair(at + 1, best[2 * row + 1], next);
-        if (shifted && (first || last)) __stcs(reinterpret_cast<long long*>(at) + last, (long long)(first ? best[2 * row] : best[2 * row + 1]));
+        if (shifted && (first || last))
+          __stcs(reinterpret_cast<long long*>(at) + last, (long long)(first ? best[2 * row] : best[2 * row + 1]));
       }
     }
     if (f.depth) each(f, [&](int n, uint32_t at) { __stcs(f.depth + at, depth_of(best[n])); });

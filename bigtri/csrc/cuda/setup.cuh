@@ -40,7 +40,8 @@ __device__ __forceinline__ Vertex load_and_project(const Frame& f, int64_t i) {
   return project_vertex(v, f.view.width, f.view.height);
 }
 
-// Projects vertices first, first + step, ... of a thread, kEach at most, and calls put(vertex, where it is): all are loaded before the first is used.
+// Projects vertices first, first + step, ... of a thread, kEach at most, and calls put(vertex, where it is): all are
+// loaded before the first is used.
 template <int kEach, class Put>
 __device__ __forceinline__ void project_vertices(const Frame& f, int64_t first, int step, const Put& put) {
   float v[kEach][4];
@@ -62,7 +63,8 @@ __device__ __forceinline__ bool load_indices(const Frame& f, int32_t t, int32_t 
   return valid;
 }
 
-// What becomes of a triangle with these corners; kWhole if and only if *p is to be drawn, kClip if it has to be clipped first.
+// What becomes of a triangle with these corners; kWhole if and only if *p is to be drawn, kClip if it has to be clipped
+// first.
 __device__ __forceinline__ Fate assemble(const Frame& f, const Vertex v[3], Primitive* p) {
   const Fate fate = fate_of(v[0].flags, v[1].flags, v[2].flags);
   if (fate != Fate::kWhole) return fate;
@@ -78,7 +80,8 @@ __device__ __forceinline__ Fate set_up(const Frame& f, int32_t t, const Vertex* 
   Vertex v[3];
   if (projected) {
     for (int k = 0; k < 3; ++k) {
-      const int4 q = reinterpret_cast<const int4*>(projected)[index[k]];  // not __ldg: the kernel in front may still write them
+      const int4 q =
+          reinterpret_cast<const int4*>(projected)[index[k]];  // not __ldg: the kernel in front may still write them
       v[k] = {q.x, q.y, __int_as_float(q.z), (uint32_t)q.w};
     }
   } else {
@@ -92,10 +95,12 @@ __device__ __forceinline__ Fate set_up(const Frame& f, int32_t t, const Vertex* 
 // Counts the lanes' triangles that are dropped. By all lanes.
 __device__ __forceinline__ void count_dropped(const Frame& f, Fate fate) {
   const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
-  if (dropped && lane_id() == 0) atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
+  if (dropped && lane_id() == 0)
+    atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped), (unsigned long long)__popc(dropped));
 }
 
-// The corners of all triangles, by `threads` threads: where triangles are few, three threads for one take a third of the time. An index that names no vertex makes its triangle one to drop.
+// The corners of all triangles, by `threads` threads: where triangles are few, three threads for one take a third of
+// the time. An index that names no vertex makes its triangle one to drop.
 __device__ __forceinline__ void project_corners(const Frame& f, Vertex* corners, int thread, int threads) {
   for (int c = thread; c < 3 * f.count; c += threads) {
     const int32_t index = __ldg(f.triangles + c);
@@ -110,8 +115,8 @@ struct ClipScratch {
 };
 static_assert(kMaxPolygon <= kWarp, "a lane for every vertex of a polygon");
 
-// Clips a triangle with all lanes, which hold a vertex of the polygon each: clip_triangle of core/clip.h, a plane at a time. Returns the number of vertices, projected too, or 0
-// if nothing is left.
+// Clips a triangle with all lanes, which hold a vertex of the polygon each: clip_triangle of core/clip.h, a plane at a
+// time. Returns the number of vertices, projected too, or 0 if nothing is left.
 __device__ __forceinline__ int clip_polygon(const float v[3][4], int width, int height, ClipScratch* s) {
   const int lane = lane_id();
   uint32_t outside = 0;

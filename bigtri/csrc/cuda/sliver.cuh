@@ -1,5 +1,5 @@
-// Slivers: long and thin triangles, a lane to a line of pixels across. Where the line meets the sliver follows from two divisions for each edge, done once; crossing_of says why that is
-// exact.
+// Slivers: long and thin triangles, a lane to a line of pixels across. Where the line meets the sliver follows from two
+// divisions for each edge, done once; crossing_of says why that is exact.
 #pragma once
 
 #include "fragment.cuh"
@@ -13,20 +13,25 @@ constexpr int kSliverLines = 64;  // px; shorter ones are not worth the trouble
 constexpr int kSliverWidth = 4;  // px, on average, at most
 
 __device__ __forceinline__ bool is_sliver(const Primitive& p) {
-  return max_of(p.x1 - p.x0, p.y1 - p.y0) >= kSliverLines && p.area <= (int64_t)(2 * kSliverWidth * kSubpixel) * extent_of(p);
+  return max_of(p.x1 - p.x0, p.y1 - p.y0) >= kSliverLines &&
+         p.area <= (int64_t)(2 * kSliverWidth * kSubpixel) * extent_of(p);
 }
 
-// A block draws a sliver over so many cells along it. At each of these it meets at most so many rows of cells across, if it is as thin as slivers are.
+// A block draws a sliver over so many cells along it. At each of these it meets at most so many rows of cells across,
+// if it is as thin as slivers are.
 constexpr int kSliverCells = 64, kSliverRows = 3;
 constexpr int kSliverChunk = kSliverCells * kBin;  // px
 constexpr int kSliverThreads = 128;  // of a block, at least
 static_assert(kSliverChunk <= 32 * kSliverThreads, "a bit for each of a thread's lines");
 
 // Chunks that any sliver of a frame can have.
-__host__ __device__ inline int sliver_chunks(const Viewport& v) { return (max_of(v.width, v.height) + kSliverChunk - 1) / kSliverChunk; }
+__host__ __device__ inline int sliver_chunks(const Viewport& v) {
+  return (max_of(v.width, v.height) + kSliverChunk - 1) / kSliverChunk;
+}
 
-// Where line n of a chunk crosses an edge: first + next * n, in pixels across, counted so that rounding up gives the first pixel inside where lines enter there, and minus the last one where
-// they leave. Minus infinity, which bounds nothing, where that would not be exact.
+// Where line n of a chunk crosses an edge: first + next * n, in pixels across, counted so that rounding up gives the
+// first pixel inside where lines enter there, and minus the last one where they leave. Minus infinity, which bounds
+// nothing, where that would not be exact.
 struct Crossing {
   double first, next;
   bool enters, exact;
@@ -34,12 +39,15 @@ struct Crossing {
   __device__ __forceinline__ int rounded(int n) const { return __double2int_ru(__fma_rn(next, (double)n, first)); }
 };
 
-// f: the edge at the first pixel of the first line. A quotient of integers with a denominator below 2^24 is an integer or more than 2^-24 away from one. Where a line's crossing changes by
-// no more than kSteepest from line to line, all that is rounded here is below 2^-31 together, for crossings that can matter: less than the slack, which is less than the distance.
+// f: the edge at the first pixel of the first line. A quotient of integers with a denominator below 2^24 is an integer
+// or more than 2^-24 away from one. Where a line's crossing changes by no more than kSteepest from line to line, all
+// that is rounded here is below 2^-31 together, for crossings that can matter: less than the slack, which is less than
+// the distance.
 __device__ __forceinline__ Crossing crossing_of(int64_t f, int32_t step, int32_t to_next) {
   constexpr double kSlack = 1.0 / (1 << 25);
   constexpr int kSteepest = 256;
-  Crossing c = {-(double)kInfinity, 0.0, step > 0, step != 0 && (int64_t)absolute(step) * kSteepest >= absolute(to_next)};
+  Crossing c = {-(double)kInfinity, 0.0, step > 0,
+                step != 0 && (int64_t)absolute(step) * kSteepest >= absolute(to_next)};
   const double inverse = __drcp_rn((double)absolute(step));
   if (c.exact) {
     c.first = -(double)f * inverse - kSlack;
@@ -52,9 +60,9 @@ struct Lines {
   int begin, end;
 };
 
-// In how many bands of rows slivers are drawn, all in one before any in the next: two where half of the image stays in the cache, but not all of it. The lower one comes first, for it is
-// what has been written last.
-// Four fifths of the cache count as the image's: records pass through it too. cache: its bytes; 0: what the device says.
+// In how many bands of rows slivers are drawn, all in one before any in the next: two where half of the image stays in
+// the cache, but not all of it. The lower one comes first, for it is what has been written last. Four fifths of the
+// cache count as the image's: records pass through it too. cache: its bytes; 0: what the device says.
 inline cudaError_t sliver_bands(const Frame& f, int64_t cache, int* bands) {
   if (cache == 0) {
     int device, bytes;
@@ -67,7 +75,8 @@ inline cudaError_t sliver_bands(const Frame& f, int64_t cache, int* bands) {
   return cudaSuccess;
 }
 
-// Shared memory of a block: a sliver, where a chunk's lines cross its edges, and the planes of the cells that it meets, by their anchors.
+// Shared memory of a block: a sliver, where a chunk's lines cross its edges, and the planes of the cells that it meets,
+// by their anchors.
 struct SliverShared {
   Record record;
   Lines part;  // to be drawn
@@ -85,8 +94,10 @@ __device__ __forceinline__ void prefetch(const Record* record) {
   asm volatile("prefetch.global.L1 [%0];" ::"l"(__cvta_generic_to_global(from)));
 }
 
-// Pixels `from` to `last` of a line, each with a test and a plane of its own: for the ends of slivers, and for odd ones.
-__device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* record, bool columns, int line, int from, int last) {
+// Pixels `from` to `last` of a line, each with a test and a plane of its own: for the ends of slivers, and for odd
+// ones.
+__device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* record, bool columns, int line, int from,
+                                              int last) {
   const Record& r = *record;
 #pragma unroll 1
   for (int m = from; m <= last; ++m) {
@@ -99,15 +110,19 @@ __device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* reco
       depth = thin_depth(record, px, py);
     } else {
       const CellPlane plane = cell_plane(r, px / kBin, py / kBin);
-      depth = finish_depth(plane_row<double>(plane.zcell, plane.dzdy, py % kBin) + plane_column<double>(plane.dzdx, px % kBin), r.zmin, r.zmax);
+      depth = finish_depth(
+          plane_row<double>(plane.zcell, plane.dzdy, py % kBin) + plane_column<double>(plane.dzdx, px % kBin), r.zmin,
+          r.zmax);
     }
     keep_nearest(f.packed + (uint32_t)(py * f.view.width + px), pack_fragment(depth, r.triangle), false);
   }
 }
 
-// A sliver's lines in one chunk and band of rows of the image: whatever is rounded here, all bands together have all lines. columns: lines are columns.
+// A sliver's lines in one chunk and band of rows of the image: whatever is rounded here, all bands together have all
+// lines. columns: lines are columns.
 __device__ __forceinline__ Lines lines_of(const Record& r, bool columns, int chunk, int height, int band, int bands) {
-  const Lines all = {max_of(chunk * kSliverChunk, columns ? r.x0 : r.y0), min_of((chunk + 1) * kSliverChunk, columns ? r.x1 : r.y1)};
+  const Lines all = {max_of(chunk * kSliverChunk, columns ? r.x0 : r.y0),
+                     min_of((chunk + 1) * kSliverChunk, columns ? r.x1 : r.y1)};
   if (bands == 1 || all.begin >= all.end) return all;
   int a = 0, b = 0;  // its ends
   for (int k = 1; k < 3; ++k) {
@@ -119,14 +134,17 @@ __device__ __forceinline__ Lines lines_of(const Record& r, bool columns, int chu
   const auto border = [&](int k) {  // between bands k - 1 and k
     if (k == 0 || k == bands) return (k == 0) == down ? all.begin : all.end;
     const int y = height * k / bands;
-    const float at = columns ? ((float)r.x[a] + __fdividef((float)(y * kSubpixel - r.y[a]), rise) * run) * (1.0f / kSubpixel) : (float)y;
+    const float at =
+        columns ? ((float)r.x[a] + __fdividef((float)(y * kSubpixel - r.y[a]), rise) * run) * (1.0f / kSubpixel)
+                : (float)y;
     return (int)fminf(fmaxf(at, (float)all.begin), (float)all.end);
   };
   const int above = border(band), below = border(band + 1);
   return {min_of(above, below), max_of(above, below)};
 }
 
-// What a thread knows of the lines s->part of the sliver s->record; line n, n = 0 .. lines - 1, is line begin + n of the image. kColumns: lines are columns, else rows.
+// What a thread knows of the lines s->part of the sliver s->record; line n, n = 0 .. lines - 1, is line begin + n of
+// the image. kColumns: lines are columns, else rows.
 template <bool kColumns>
 struct SliverLines {
   SliverShared* s;
@@ -136,13 +154,19 @@ struct SliverLines {
   Crossing crossing[3];
 
   __device__ __forceinline__ explicit SliverLines(SliverShared* shared)
-      : s(shared), r(s->record), begin(s->part.begin), lines(s->part.end - begin), low(kColumns ? r.y0 : r.x0), end((kColumns ? r.y1 : r.x1) - low) {}
+      : s(shared),
+        r(s->record),
+        begin(s->part.begin),
+        lines(s->part.end - begin),
+        low(kColumns ? r.y0 : r.x0),
+        end((kColumns ? r.y1 : r.x1) - low) {}
 
   // Where the lines cross the edges. By all threads, with a barrier in between.
   __device__ __forceinline__ void find_crossings() {
     if (threadIdx.x < 3) {
       const Edge e = edge_of(r.x, r.y, (int)threadIdx.x);
-      s->crossing[threadIdx.x] = crossing_of(edge_steps(e, kColumns ? begin : low, kColumns ? low : begin), kColumns ? e.dx : -e.dy, kColumns ? -e.dy : e.dx);
+      s->crossing[threadIdx.x] = crossing_of(edge_steps(e, kColumns ? begin : low, kColumns ? low : begin),
+                                             kColumns ? e.dx : -e.dy, kColumns ? -e.dy : e.dx);
     }
     __syncthreads();
     for (int k = 0; k < 3; ++k) crossing[k] = s->crossing[k];
@@ -172,13 +196,15 @@ struct SliverLines {
       span(max_of(cell * kBin - begin, 0), &from[0], &last);
       span(min_of(cell * kBin + kBin - begin, lines) - 1, &from[1], &last);
       const int row = (low + min_of(from[0], from[1])) / kBin;
-      s->zcell[number][which] = depth_at(r.x, r.y, r.z, r.area, (kColumns ? cell : row + which) * kBin, (kColumns ? row + which : cell) * kBin);
+      s->zcell[number][which] = depth_at(r.x, r.y, r.z, r.area, (kColumns ? cell : row + which) * kBin,
+                                         (kColumns ? row + which : cell) * kBin);
       if (which == 0) s->row[number] = row;
     }
     __syncthreads();
   }
 
-  // Draws each line by a thread, its pixels where two quotients say. Returns which of the thread's lines are odd and still to be drawn, a bit each.
+  // Draws each line by a thread, its pixels where two quotients say. Returns which of the thread's lines are odd and
+  // still to be drawn, a bit each.
   __device__ __forceinline__ uint32_t draw(const Frame& f) const {
     const bool exact = !(r.flags & kRecordThin) && crossing[0].exact && crossing[1].exact && crossing[2].exact;
     const int first_cell = begin / kBin;
@@ -206,7 +232,8 @@ struct SliverLines {
 #pragma unroll 1
       for (int m = from; m <= last; ++m) {
         const double along = exact_double(m & (kBin - 1));
-        const double z = plane_row<double>(zcell[m >> kBinBits], dzdy, kColumns ? along : across) + plane_column<double>(dzdx, kColumns ? across : along);
+        const double z = plane_row<double>(zcell[m >> kBinBits], dzdy, kColumns ? along : across) +
+                         plane_column<double>(dzdx, kColumns ? across : along);
         const int at = kColumns ? m * width + line : line * width + m;
         keep_nearest(packed + (uint32_t)at, pack_fragment(finish_depth(z, zmin, zmax), triangle), false);
       }
@@ -226,8 +253,8 @@ struct SliverLines {
   }
 };
 
-// Draws the lines s->part of the sliver s->record, by all threads of a block, at least kSliverThreads, on a frame that has been cleared. A call, so that its registers cost its callers
-// nothing.
+// Draws the lines s->part of the sliver s->record, by all threads of a block, at least kSliverThreads, on a frame that
+// has been cleared. A call, so that its registers cost its callers nothing.
 template <bool kColumns>
 __device__ __noinline__ void draw_sliver(const Frame& f, SliverShared* s) {
   SliverLines<kColumns> lines(s);
@@ -239,10 +266,11 @@ __device__ __noinline__ void draw_sliver(const Frame& f, SliverShared* s) {
   lines.draw_odd(f, odd);
 }
 
-// Of the first `count` records those that is_one(number) says are slivers, a chunk and band a block at a time, by all blocks of a grid. Drawing a sliver takes all registers, so little is
-// kept in them meanwhile.
+// Of the first `count` records those that is_one(number) says are slivers, a chunk and band a block at a time, by all
+// blocks of a grid. Drawing a sliver takes all registers, so little is kept in them meanwhile.
 template <class IsOne>
-__device__ __forceinline__ void draw_slivers(const Frame& f, const Record* records, int count, int bands, const IsOne& is_one, SliverShared* s) {
+__device__ __forceinline__ void draw_slivers(const Frame& f, const Record* records, int count, int bands,
+                                             const IsOne& is_one, SliverShared* s) {
   constexpr int kWords = sizeof(Record) / sizeof(uint32_t);
   const auto chunks = [&] { return (uint32_t)sliver_chunks(f.view); };
   const auto each = [&] { return (uint32_t)count * chunks(); };  // items of a band; all of them are below 2^30
@@ -264,7 +292,8 @@ __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* recor
     for (bool more = true; more;) {  // the last one first: of the last band
       const uint32_t item = s->item[s->count - 1], of_band = item % each();
       if (threadIdx.x < kWords)
-        reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] = reinterpret_cast<const uint32_t*>(records + of_band / chunks())[threadIdx.x];
+        reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] =
+            reinterpret_cast<const uint32_t*>(records + of_band / chunks())[threadIdx.x];
       __syncthreads();
       const bool columns = extent(s->record.x) >= extent(s->record.y);
       if (threadIdx.x == 0) {

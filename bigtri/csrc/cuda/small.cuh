@@ -1,5 +1,6 @@
-// Small triangles: a thread sets one up and finds the pixels that it covers; then the warp draws the pixels of all its triangles, one after the other.
-// What bounds this is the rate of atomics, and that counts sectors of 32 bytes: neighbours in a row that go in one instruction cost one.
+// Small triangles: a thread sets one up and finds the pixels that it covers; then the warp draws the pixels of all its
+// triangles, one after the other. What bounds this is the rate of atomics, and that counts sectors of 32 bytes:
+// neighbours in a row that go in one instruction cost one.
 #pragma once
 
 #include "fragment.cuh"
@@ -11,12 +12,15 @@ namespace {
 
 constexpr int kSmallSide = 16;  // px, of the bbox
 constexpr int kSmallExtent = 32 * kSubpixel;  // of the triangle itself, of which the screen may have left only a corner
-constexpr int kBoxSide = 8;    // px; of what a lane finds pixels in at a time
+constexpr int kBoxSide = 8;  // px; of what a lane finds pixels in at a time
 
-// Shared memory of a warp. What a lane's triangle is, and the covered pixels of all of them: lane << 6 | y << 3 | x from the corner of the lane's box.
+// Shared memory of a warp. What a lane's triangle is, and the covered pixels of all of them: lane << 6 | y << 3 | x
+// from the corner of the lane's box.
 struct SmallShared {
   struct Box {
-    double zcell[4];  // of the cell that the corner lies in, and of those to the right, below, and both, as far as the box reaches there
+    // Of the cell that the corner lies in, and of those to the right, below, and both, as far as the box reaches
+    // there.
+    double zcell[4];
     double dzdx, dzdy;
     float zmin, zmax;
     uint32_t triangle;
@@ -28,15 +32,16 @@ struct SmallShared {
 };
 
 __device__ __forceinline__ bool is_small(const Primitive& p) {
-  return p.x1 - p.x0 <= kSmallSide && p.y1 - p.y0 <= kSmallSide && extent_of(p) <= kSmallExtent && max_of(max_of(p.z[0], p.z[1]), p.z[2]) <= 1.0f &&
-         !is_thin(p.x, p.y, p.area);
+  return p.x1 - p.x0 <= kSmallSide && p.y1 - p.y0 <= kSmallSide && extent_of(p) <= kSmallExtent &&
+         max_of(max_of(p.z[0], p.z[1]), p.z[2]) <= 1.0f && !is_thin(p.x, p.y, p.area);
 }
 
-// One edge of a small triangle in float32. Its values over a box are integers below 2^21, so float32 holds them exactly, and so are its steps. A row of eight pixels crosses it at a quotient
-// of the two, which is an integer or at least 2^-13 away from one: float32 quotients below 8 are off by 2^-19 at most, and a slack between the two makes them exact where they are rounded to
-// integers.
-// What a row's crossing is multiplied with so that rounding it to an integer gives how far 0xff00 has to be shifted for the row's coverage: by 8 where all eight pixels are inside, by less
-// where the first ones are not, by more where the last ones are not.
+// One edge of a small triangle in float32. Its values over a box are integers below 2^21, so float32 holds them
+// exactly, and so are its steps. A row of eight pixels crosses it at a quotient of the two, which is an integer or at
+// least 2^-13 away from one: float32 quotients below 8 are off by 2^-19 at most, and a slack between the two makes them
+// exact where they are rounded to integers. What a row's crossing is multiplied with so that rounding it to an integer
+// gives how far 0xff00 has to be shifted for the row's coverage: by 8 where all eight pixels are inside, by less where
+// the first ones are not, by more where the last ones are not.
 struct RowEdge {
   float at, to_next;  // f at the first pixel of the row, and its step to the next row
   float scale, offset, direction;
@@ -45,12 +50,14 @@ struct RowEdge {
 __device__ __forceinline__ RowEdge row_edge(int32_t f, int32_t sx, int32_t sy) {
   constexpr float kSlack = 1.0f / (1 << 15);
   // With a step of zero all pixels are inside or none: the infinities give that, and 0 * infinity counts as 0.
-  return {(float)f, (float)sy, __frcp_rn((float)absolute(sx)) * -0.0625f, ((sx < 0 ? kBoxSide - 0.5f : 0.5f) - kSlack) * 0.0625f, sx < 0 ? 16.0f : -16.0f};
+  return {(float)f, (float)sy, __frcp_rn((float)absolute(sx)) * -0.0625f,
+          ((sx < 0 ? kBoxSide - 0.5f : 0.5f) - kSlack) * 0.0625f, sx < 0 ? 16.0f : -16.0f};
 }
 
 // The coverage of a row of eight pixels, in the lowest byte, by one edge; moves on to the next row.
 __device__ __forceinline__ uint32_t row_coverage(RowEdge* e) {
-  constexpr float kRounding = 12582912.0f;  // 1.5 * 2^23: sums with it are rounded to integers, which their lowest bits hold
+  constexpr float kRounding =
+      12582912.0f;  // 1.5 * 2^23: sums with it are rounded to integers, which their lowest bits hold
   const float beyond = __saturatef(__fmaf_rn(e->at, e->scale, e->offset));  // pixels not inside, in sixteenths
   e->at += e->to_next;
   return 0xff00u >> (float_bits(__fmaf_rn(beyond, e->direction, kRounding + 8.0f)) & 31);
@@ -83,7 +90,8 @@ struct SmallEdges {
 };
 
 // Notes what is the same for all pixels of the lane's triangle.
-__device__ __forceinline__ void note_triangle(const Primitive& p, uint32_t triangle, const Divisor& area, SmallShared::Box* mine, SmallEdges* edges) {
+__device__ __forceinline__ void note_triangle(const Primitive& p, uint32_t triangle, const Divisor& area,
+                                              SmallShared::Box* mine, SmallEdges* edges) {
   const DepthGradient g = depth_gradient(p.x, p.y, p.z, area);
   mine->dzdx = g.dzdx;
   mine->dzdy = g.dzdy;
@@ -98,10 +106,11 @@ __device__ __forceinline__ void note_triangle(const Primitive& p, uint32_t trian
   }
 }
 
-// Which pixels of a box of eight a side the lane's triangle covers; upper, lower: four rows each, a byte a row. Notes where the box lies. x, y: its corner, which moves on to the next box;
-// returns whether there is one.
-__device__ __forceinline__ bool find_pixels(const Frame& f, const Primitive& p, const Divisor& area, const SmallEdges& edges, int* x, int* y,
-                                            SmallShared::Box* mine, uint32_t* upper, uint32_t* lower) {
+// Which pixels of a box of eight a side the lane's triangle covers; upper, lower: four rows each, a byte a row. Notes
+// where the box lies. x, y: its corner, which moves on to the next box; returns whether there is one.
+__device__ __forceinline__ bool find_pixels(const Frame& f, const Primitive& p, const Divisor& area,
+                                            const SmallEdges& edges, int* x, int* y, SmallShared::Box* mine,
+                                            uint32_t* upper, uint32_t* lower) {
   const int x_end = min_of(p.x1, *x + kBoxSide), y_end = min_of(p.y1, *y + kBoxSide), rows = y_end - *y;
   const int i = *x & (kBin - 1), j = *y & (kBin - 1);
   mine->corner = (uint32_t)(*y * f.view.width + *x);  // an image has at most 2^28 pixels
@@ -111,8 +120,11 @@ __device__ __forceinline__ bool find_pixels(const Frame& f, const Primitive& p, 
     if ((cell == 0) | ((cell & 1) <= (i + x_end - *x > kBin) & (cell >> 1) <= (j + rows > kBin)))
       mine->zcell[cell] = depth_at(p.x, p.y, p.z, area, *x - i + (cell & 1) * kBin, *y - j + (cell >> 1) * kBin);
   RowEdge edge[3];
-  for (int k = 0; k < 3; ++k) edge[k] = row_edge(edges.start[k] + (*x - p.x0) * edges.sx[k] + (*y - p.y0) * edges.sy[k], edges.sx[k], edges.sy[k]);
-  const uint32_t columns = ((1u << (x_end - *x)) - 1) * 0x01010101u, last_rows = columns & (0xffffffffu >> (8 * (-rows & 3)));
+  for (int k = 0; k < 3; ++k)
+    edge[k] =
+        row_edge(edges.start[k] + (*x - p.x0) * edges.sx[k] + (*y - p.y0) * edges.sy[k], edges.sx[k], edges.sy[k]);
+  const uint32_t columns = ((1u << (x_end - *x)) - 1) * 0x01010101u,
+                 last_rows = columns & (0xffffffffu >> (8 * (-rows & 3)));
   *upper = rows_coverage(edge) & (rows > 4 ? columns : last_rows);
   if (rows > 4) *lower = rows_coverage(edge) & last_rows;
   *x = x_end;
@@ -150,14 +162,16 @@ __device__ __forceinline__ void draw_pixels(const Frame& f, int count, const Sma
     const SmallShared::Box& box = s->box[owner];
     const uint32_t x = pixel & 7, y = pixel >> 3 & 7, at = box.in_cell + (x | y << 16);
     const double zcell = box.zcell[(at >> kBinBits & 1) | (at >> (kBinBits + 15) & 2)];
-    const double z = plane_row<double>(zcell, box.dzdy, at >> 16 & (kBin - 1)) + plane_column<double>(box.dzdx, at & (kBin - 1));
+    const double z =
+        plane_row<double>(zcell, box.dzdy, at >> 16 & (kBin - 1)) + plane_column<double>(box.dzdx, at & (kBin - 1));
     const int64_t packed = pack_depth(finish_depth(z, box.zmin, box.zmax), box.triangle);
     keep_nearest(f.packed + (box.corner + y * (uint32_t)f.view.width + x), packed, false);
   }
 }
 
 // Draws the lanes' small primitives, all lanes together; have: whether this one has any.
-__device__ __forceinline__ void draw_small(const Frame& f, const Primitive& p, uint32_t triangle, bool have, SmallShared* s) {
+__device__ __forceinline__ void draw_small(const Frame& f, const Primitive& p, uint32_t triangle, bool have,
+                                           SmallShared* s) {
   SmallShared::Box* const mine = &s->box[lane_id()];
   SmallEdges edges;
   const Divisor area = divisor(have ? (double)p.area : 1.0);
@@ -187,7 +201,8 @@ union WarpShared {
   __device__ WarpShared() {}
 };
 
-// For kernels in which a warp sets up `share` triangles: as many as it has lanes, or fewer where triangles are fewer, so that there are warps enough.
+// For kernels in which a warp sets up `share` triangles: as many as it has lanes, or fewer where triangles are fewer,
+// so that there are warps enough.
 template <class Kernel>
 cudaError_t share_triangles(Kernel kernel, int threads, int64_t triangles, int* share, int64_t* blocks) {
   int resident;
@@ -200,10 +215,12 @@ cudaError_t share_triangles(Kernel kernel, int threads, int64_t triangles, int* 
   return cudaSuccess;
 }
 
-// Sets up `share` triangles per warp and draws the small ones. The others, and the parts of those that had to be clipped, go to other(primitive, triangle, whether this lane has one, shared
-// memory for a record), which all lanes call.
+// Sets up `share` triangles per warp and draws the small ones. The others, and the parts of those that had to be
+// clipped, go to other(primitive, triangle, whether this lane has one, shared memory for a record), which all lanes
+// call.
 template <class Other>
-__device__ __forceinline__ void set_up_share(const Frame& f, const Vertex* projected, int share, WarpShared* block_shared, const Other& other) {
+__device__ __forceinline__ void set_up_share(const Frame& f, const Vertex* projected, int share,
+                                             WarpShared* block_shared, const Other& other) {
   const int warp = threadIdx.x / kWarp, warps = blockDim.x / kWarp;
   WarpShared* s = block_shared + warp;
   const int64_t first = ((int64_t)blockIdx.x * warps + warp) * share;

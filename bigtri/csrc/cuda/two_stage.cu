@@ -1,5 +1,6 @@
-// The two-stage variant: set-up puts the pairs of (large record, bin) into one global queue; then warps take them, first come, first served, make the 64-bit masks of the bin's tiles, and
-// draw the tiles with an atomic minimum a fragment, the pixel read first. Small triangles are drawn at set-up.
+// The two-stage variant: set-up puts the pairs of (large record, bin) into one global queue; then warps take them,
+// first come, first served, make the 64-bit masks of the bin's tiles, and draw the tiles with an atomic minimum a
+// fragment, the pixel read first. Small triangles are drawn at set-up.
 
 #include "clear.h"
 #include "depth_image.h"
@@ -35,7 +36,8 @@ struct Queue {
 Queue take_queue(Scratch* scratch, const Frame& f, const Values& v) {
   Queue q;
   q.record_room = (uint32_t)min_of<int64_t>(v.queue, (int64_t)f.count * kMaxSubTriangles);
-  // Sixteen bins for each record that may wait; a queue that is as small as tests make it is small for pairs too, so that they see it full.
+  // Sixteen bins for each record that may wait; a queue that is as small as tests make it is small for pairs too, so
+  // that they see it full.
   q.pair_room = (uint32_t)(v.queue < 16 ? v.queue : 16 * v.queue);
   q.records = scratch->take<Record>(q.record_room);
   q.pairs = scratch->take<Pair>(q.pair_room);
@@ -44,7 +46,8 @@ Queue take_queue(Scratch* scratch, const Frame& f, const Values& v) {
   return q;
 }
 
-// The record's bins that no edge rejects, a lane each, to the queue; what finds no room there is drawn at once. All lanes.
+// The record's bins that no edge rejects, a lane each, to the queue; what finds no room there is drawn at once. All
+// lanes.
 __device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, const Record& r, uint32_t slot) {
   const BinBox bins = bin_box(r);
   for (int base = 0; base < bins.count; base += kWarp) {
@@ -65,8 +68,10 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, cons
   }
 }
 
-// Large primitives to the queue, a record at a time with all lanes, so that a huge one holds up no lane; others are drawn.
-__device__ __noinline__ void pair_or_draw(const Frame& f, const Queue& q, int64_t threshold, Primitive p, int64_t triangle, bool have, Record* shared) {
+// Large primitives to the queue, a record at a time with all lanes, so that a huge one holds up no lane; others are
+// drawn.
+__device__ __noinline__ void pair_or_draw(const Frame& f, const Queue& q, int64_t threshold, Primitive p,
+                                          int64_t triangle, bool have, Record* shared) {
   Record record;
   if (have) fill_record(p, triangle, &record, threshold);
   for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
@@ -95,11 +100,13 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
   __shared__ WarpShared shared[kShareThreads / kWarp];
   let_next_begin();
   wait_for_previous();
-  set_up_share(f, q.projected, share, shared,
-               [&](const Primitive& p, int64_t triangle, bool have, Record* record) { pair_or_draw(f, q, threshold, p, triangle, have, record); });
+  set_up_share(f, q.projected, share, shared, [&](const Primitive& p, int64_t triangle, bool have, Record* record) {
+    pair_or_draw(f, q, threshold, p, triangle, have, record);
+  });
 }
 
-__global__ void __launch_bounds__(kThreads) draw_pairs(const __grid_constant__ Frame f, const __grid_constant__ Queue q) {
+__global__ void __launch_bounds__(kThreads)
+    draw_pairs(const __grid_constant__ Frame f, const __grid_constant__ Queue q) {
   let_next_begin();
   wait_for_previous();
   const uint32_t count = (uint32_t)min_of<uint64_t>(q.counters[kPairCount], q.pair_room);
@@ -142,9 +149,10 @@ cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaSt
 }  // namespace
 
 extern const CudaVariant two_stage_variant;
-const CudaVariant two_stage_variant = {"two_stage",
-                                       "two stages with one global queue of (record, bin) pairs between them, atomics: another project's; docs/cuda.md",
-                                       kParameters, scratch_bytes, draw};
+const CudaVariant two_stage_variant = {
+    "two_stage",
+    "two stages with one global queue of (record, bin) pairs between them, atomics: another project's; docs/cuda.md",
+    kParameters, scratch_bytes, draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

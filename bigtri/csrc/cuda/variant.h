@@ -8,7 +8,8 @@
 
 namespace bigtri {
 
-// A way to schedule the work: one file and one name in variants.h. values: one for each of its parameters, in the list's order.
+// A way to schedule the work: one file and one name in variants.h. values: one for each of its parameters, in the
+// list's order.
 struct CudaVariant {
   const char* name;
   const char* paper;  // where the idea is from

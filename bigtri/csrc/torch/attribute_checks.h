@@ -9,21 +9,24 @@ namespace bigtri {
 constexpr int64_t kMaxTexture = 65536;  // px a side: texel coordinates stay exact in float32 and int32
 
 // attributes: null for the barycentrics.
-inline void check_interpolation(const char* op, int device, const Tensor& packed, const Tensor& positions, const Tensor& triangles, const Tensor* attributes,
-                                const Tensor& out) {
+inline void check_interpolation(const char* op, int device, const Tensor& packed, const Tensor& positions,
+                                const Tensor& triangles, const Tensor* attributes, const Tensor& out) {
   if (attributes) {
     check_on(op, "attributes", *attributes, device, ScalarType::Float, {-1, -1, -1}, "float32 [B or 1, V, C]");
     check_on(op, "packed", packed, device, ScalarType::Long, {-1, -1, -1}, "int64 [B, H, W]");
     check_on(op, "positions", positions, device, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
-    BIGTRI_CHECK((attributes->size(0) == 1 || attributes->size(0) == packed.size(0)) && attributes->size(1) == positions.size(1), "bigtri::", op,
-                 ": attributes must be float32 [B or 1, V, C] with B and V of positions, ", describe(positions), ", got ", describe(*attributes));
+    BIGTRI_CHECK(
+        (attributes->size(0) == 1 || attributes->size(0) == packed.size(0)) && attributes->size(1) == positions.size(1),
+        "bigtri::", op, ": attributes must be float32 [B or 1, V, C] with B and V of positions, ", describe(positions),
+        ", got ", describe(*attributes));
   }
   check_on(op, "packed", packed, device, ScalarType::Long, {-1, -1, -1}, "int64 [B, H, W]");
   check_on(op, "positions", positions, device, ScalarType::Float, {packed.size(0), -1, 4}, "float32 [B, V, 4]");
   check_on(op, "triangles", triangles, device, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
   check_count(op, "triangles", triangles.size(0));
   if (packed.numel()) check_size(op, packed.size(1), packed.size(2));
-  check_on(op, "out", out, device, ScalarType::Float, {packed.size(0), packed.size(1), packed.size(2), attributes ? attributes->size(2) : 3},
+  check_on(op, "out", out, device, ScalarType::Float,
+           {packed.size(0), packed.size(1), packed.size(2), attributes ? attributes->size(2) : 3},
            "float32 [B, H, W, C]");
   check_apart(op, "out", out, "packed", packed);
   check_apart(op, "out", out, "positions", positions);
@@ -31,15 +34,18 @@ inline void check_interpolation(const char* op, int device, const Tensor& packed
   if (attributes) check_apart(op, "out", out, "attributes", *attributes);
 }
 
-inline void check_sample(int device, const Tensor& texture, const Tensor& uv, const std::string& filter, const std::string& wrap, const Tensor& out) {
+inline void check_sample(int device, const Tensor& texture, const Tensor& uv, const std::string& filter,
+                         const std::string& wrap, const Tensor& out) {
   const char* op = "sample_texture";
   check_on(op, "texture", texture, device, ScalarType::Float, {-1, -1, -1}, "float32 [Ht, Wt, C]");
   check_on(op, "uv", uv, device, ScalarType::Float, {-1, 2}, "float32 [N, 2]");
   const int64_t height = texture.size(0), width = texture.size(1);
-  BIGTRI_CHECK(height >= 1 && height <= kMaxTexture && width >= 1 && width <= kMaxTexture, "bigtri::sample_texture: texture must be 1 to ", kMaxTexture,
-               " px a side, got ", describe(texture));
-  BIGTRI_CHECK(filter == "nearest" || filter == "bilinear", "bigtri::sample_texture: filter must be 'nearest' or 'bilinear', got '", filter, "'");
-  BIGTRI_CHECK(wrap == "repeat" || wrap == "clamp", "bigtri::sample_texture: wrap must be 'repeat' or 'clamp', got '", wrap, "'");
+  BIGTRI_CHECK(height >= 1 && height <= kMaxTexture && width >= 1 && width <= kMaxTexture,
+               "bigtri::sample_texture: texture must be 1 to ", kMaxTexture, " px a side, got ", describe(texture));
+  BIGTRI_CHECK(filter == "nearest" || filter == "bilinear",
+               "bigtri::sample_texture: filter must be 'nearest' or 'bilinear', got '", filter, "'");
+  BIGTRI_CHECK(wrap == "repeat" || wrap == "clamp", "bigtri::sample_texture: wrap must be 'repeat' or 'clamp', got '",
+               wrap, "'");
   check_on(op, "out", out, device, ScalarType::Float, {uv.size(0), texture.size(2)}, "float32 [N, C]");
   check_apart(op, "out", out, "texture", texture);
   check_apart(op, "out", out, "uv", uv);
@@ -49,8 +55,8 @@ inline void check_sample(int device, const Tensor& texture, const Tensor& uv, co
 inline Filter filter_of(const std::string& name) { return name == "nearest" ? Filter::kNearest : Filter::kBilinear; }
 inline Wrap wrap_of(const std::string& name) { return name == "repeat" ? Wrap::kRepeat : Wrap::kClamp; }
 
-inline void check_lambert(int device, const Tensor& normals, const Tensor& albedo, const Tensor& ambient, const Tensor& directions, const Tensor& colors,
-                          const Tensor& out) {
+inline void check_lambert(int device, const Tensor& normals, const Tensor& albedo, const Tensor& ambient,
+                          const Tensor& directions, const Tensor& colors, const Tensor& out) {
   const char* op = "lambert";
   check_on(op, "normals", normals, device, ScalarType::Float, {-1, 3}, "float32 [N, 3]");
   check_on(op, "albedo", albedo, device, ScalarType::Float, {normals.size(0), 3}, "float32 [N, 3]");

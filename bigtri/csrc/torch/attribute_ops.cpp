@@ -6,8 +6,8 @@
 namespace bigtri {
 namespace {
 
-void interpolate_pixels(const char* op, const std::string& precision, const Tensor& packed, const Tensor& positions, const Tensor& triangles,
-                        const Tensor* attributes, const Tensor& out) {
+void interpolate_pixels(const char* op, const std::string& precision, const Tensor& packed, const Tensor& positions,
+                        const Tensor& triangles, const Tensor* attributes, const Tensor& out) {
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
   check_interpolation(op, kCpu, packed, positions, triangles, attributes, out);
   if (out.numel() == 0) return;
@@ -31,30 +31,35 @@ void interpolate_pixels(const char* op, const std::string& precision, const Tens
   rung.interpolate(job, parallel);
 }
 
-void interpolate_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, const Tensor& attributes, std::string precision,
-                    const Tensor& out) {
+void interpolate_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, const Tensor& attributes,
+                    std::string precision, const Tensor& out) {
   interpolate_pixels("interpolate", precision, packed, positions, triangles, &attributes, out);
 }
 
-void barycentrics_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, std::string precision, const Tensor& out) {
+void barycentrics_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, std::string precision,
+                     const Tensor& out) {
   interpolate_pixels("barycentrics", precision, packed, positions, triangles, nullptr, out);
 }
 
-void sample_texture_op(const Tensor& texture, const Tensor& uv, std::string filter, std::string wrap, const Tensor& out) {
+void sample_texture_op(const Tensor& texture, const Tensor& uv, std::string filter, std::string wrap,
+                       const Tensor& out) {
   check_sample(kCpu, texture, uv, filter, wrap, out);
-  sample(const_data<float>(texture), (int)texture.size(0), (int)texture.size(1), texture.size(2), const_data<float>(uv), uv.size(0), filter_of(filter),
-         wrap_of(wrap), data<float>(out), torch_threads());
+  sample(const_data<float>(texture), (int)texture.size(0), (int)texture.size(1), texture.size(2), const_data<float>(uv),
+         uv.size(0), filter_of(filter), wrap_of(wrap), data<float>(out), torch_threads());
 }
 
-void lambert_op(const Tensor& normals, const Tensor& albedo, const Tensor& ambient, const Tensor& directions, const Tensor& colors, const Tensor& out) {
+void lambert_op(const Tensor& normals, const Tensor& albedo, const Tensor& ambient, const Tensor& directions,
+                const Tensor& colors, const Tensor& out) {
   check_lambert(kCpu, normals, albedo, ambient, directions, colors, out);
-  lambert(const_data<float>(normals), const_data<float>(albedo), const_data<float>(ambient), const_data<float>(directions), const_data<float>(colors),
-          directions.size(0), normals.size(0), data<float>(out), torch_threads());
+  lambert(const_data<float>(normals), const_data<float>(albedo), const_data<float>(ambient),
+          const_data<float>(directions), const_data<float>(colors), directions.size(0), normals.size(0),
+          data<float>(out), torch_threads());
 }
 
 void encode_srgb_op(const Tensor& linear, const Tensor& thresholds, const Tensor& out) {
   check_encode(kCpu, linear, thresholds, out);
-  encode_srgb(const_data<float>(linear), const_data<float>(thresholds), linear.numel(), data<uint8_t>(out), torch_threads());
+  encode_srgb(const_data<float>(linear), const_data<float>(thresholds), linear.numel(), data<uint8_t>(out),
+              torch_threads());
 }
 
 }  // namespace

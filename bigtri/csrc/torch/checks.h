@@ -80,21 +80,24 @@ inline bool fits(const Tensor& t, ScalarType type, const std::vector<int64_t>& s
 }
 
 // shape: -1 is any size.
-inline void check(const char* op, const char* name, const Tensor& t, ScalarType type, const std::vector<int64_t>& shape, const char* wanted) {
-  BIGTRI_CHECK(t.defined() && t.is_cpu() && fits(t, type, shape), "bigtri::", op, ": ", name, " must be a contiguous CPU tensor, ", wanted, ", got ",
-               describe(t));
+inline void check(const char* op, const char* name, const Tensor& t, ScalarType type, const std::vector<int64_t>& shape,
+                  const char* wanted) {
+  BIGTRI_CHECK(t.defined() && t.is_cpu() && fits(t, type, shape), "bigtri::", op, ": ", name,
+               " must be a contiguous CPU tensor, ", wanted, ", got ", describe(t));
 }
 
 // On the CUDA device given.
-inline void check_cuda(const char* op, const char* name, const Tensor& t, int device, ScalarType type, const std::vector<int64_t>& shape, const char* wanted) {
-  BIGTRI_CHECK(t.defined() && t.is_cuda() && t.get_device_index() == device && fits(t, type, shape), "bigtri::", op, ": ", name,
-               " must be a contiguous tensor on CUDA device ", device, ", ", wanted, ", got ", describe(t));
+inline void check_cuda(const char* op, const char* name, const Tensor& t, int device, ScalarType type,
+                       const std::vector<int64_t>& shape, const char* wanted) {
+  BIGTRI_CHECK(t.defined() && t.is_cuda() && t.get_device_index() == device && fits(t, type, shape), "bigtri::", op,
+               ": ", name, " must be a contiguous tensor on CUDA device ", device, ", ", wanted, ", got ", describe(t));
 }
 
 constexpr int kCpu = -1;
 
 // On the CPU where device is kCpu, else on that CUDA device.
-inline void check_on(const char* op, const char* name, const Tensor& t, int device, ScalarType type, const std::vector<int64_t>& shape, const char* wanted) {
+inline void check_on(const char* op, const char* name, const Tensor& t, int device, ScalarType type,
+                     const std::vector<int64_t>& shape, const char* wanted) {
   if (device == kCpu)
     check(op, name, t, type, shape, wanted);
   else
@@ -102,8 +105,8 @@ inline void check_on(const char* op, const char* name, const Tensor& t, int devi
 }
 
 inline void check_size(const char* op, int64_t height, int64_t width) {
-  BIGTRI_CHECK(height >= 1 && height <= kMaxSize && width >= 1 && width <= kMaxSize, "bigtri::", op, ": height and width must be 1 to ", kMaxSize, ", got ",
-               height, " and ", width);
+  BIGTRI_CHECK(height >= 1 && height <= kMaxSize && width >= 1 && width <= kMaxSize, "bigtri::", op,
+               ": height and width must be 1 to ", kMaxSize, ", got ", height, " and ", width);
 }
 
 inline void check_count(const char* op, const char* name, int64_t count) {
@@ -111,10 +114,14 @@ inline void check_count(const char* op, const char* name, int64_t count) {
 }
 
 // Outputs are written while inputs are still read.
-inline void check_apart(const char* op, const char* output_name, const Tensor& output, const char* input_name, const Tensor& input) {
-  const char *a = static_cast<const char*>(output.const_data_ptr()), *b = static_cast<const char*>(input.const_data_ptr());
-  const size_t a_size = (size_t)output.numel() * output.element_size(), b_size = (size_t)input.numel() * input.element_size();
-  BIGTRI_CHECK(a + a_size <= b || b + b_size <= a, "bigtri::", op, ": ", output_name, " must not share memory with ", input_name);
+inline void check_apart(const char* op, const char* output_name, const Tensor& output, const char* input_name,
+                        const Tensor& input) {
+  const char *a = static_cast<const char*>(output.const_data_ptr()),
+             *b = static_cast<const char*>(input.const_data_ptr());
+  const size_t a_size = (size_t)output.numel() * output.element_size(),
+               b_size = (size_t)input.numel() * input.element_size();
+  BIGTRI_CHECK(a + a_size <= b || b + b_size <= a, "bigtri::", op, ": ", output_name, " must not share memory with ",
+               input_name);
 }
 
 template <class T>
@@ -128,7 +135,8 @@ const T* const_data(const Tensor& t) {
 
 inline Tensor empty(const std::vector<int64_t>& shape, ScalarType type, int device = kCpu) {
   using torch::headeronly::DeviceType;
-  const torch::stable::Device place(device == kCpu ? DeviceType::CPU : DeviceType::CUDA, (torch::stable::DeviceIndex)device);
+  const torch::stable::Device place(device == kCpu ? DeviceType::CPU : DeviceType::CUDA,
+                                    (torch::stable::DeviceIndex)device);
   try {
     return torch::stable::empty(shape, type, std::nullopt, place);
   } catch (const std::exception&) {  // its text says where torch was built
@@ -139,10 +147,13 @@ inline Tensor empty(const std::vector<int64_t>& shape, ScalarType type, int devi
 // As many threads as torch uses (torch.set_num_threads), from a pool of our own; no more than the largest machines have, since each has memory of its own.
 inline Parallel torch_threads() { return {(int)min_of<int64_t>(torch::stable::get_num_threads(), 1024)}; }
 
-inline Viewport viewport(const char* op, int64_t height, int64_t width, const std::string& cull, const std::vector<int64_t>& scissor) {
+inline Viewport viewport(const char* op, int64_t height, int64_t width, const std::string& cull,
+                         const std::vector<int64_t>& scissor) {
   check_size(op, height, width);
-  BIGTRI_CHECK(cull == "none" || cull == "back" || cull == "front", "bigtri::", op, ": cull must be 'none', 'back' or 'front', got '", cull, "'");
-  BIGTRI_CHECK(scissor.size() == 4, "bigtri::", op, ": scissor must be 4 integers x0, y0, x1, y1, got ", scissor.size());
+  BIGTRI_CHECK(cull == "none" || cull == "back" || cull == "front", "bigtri::", op,
+               ": cull must be 'none', 'back' or 'front', got '", cull, "'");
+  BIGTRI_CHECK(scissor.size() == 4, "bigtri::", op, ": scissor must be 4 integers x0, y0, x1, y1, got ",
+               scissor.size());
   const auto cut = [](int64_t v, int64_t high) { return (int)min_of(max_of<int64_t>(v, 0), high); };
   return {(int)width,
           (int)height,
@@ -165,10 +176,11 @@ inline CheckedFrame checked_frame(const char* op, const Parallel& parallel, cons
   frame.lowest = INT32_MAX;
   frame.highest = INT32_MIN;
   if (frame.count == 0) return frame;
-  BIGTRI_CHECK(vertices > 0, "bigtri::", op, ": triangles must be empty where positions is, got ", frame.count, " triangles");
+  BIGTRI_CHECK(vertices > 0, "bigtri::", op, ": triangles must be empty where positions is, got ", frame.count,
+               " triangles");
   index_range(parallel, frame.triangles, 3 * (int64_t)frame.count, &frame.lowest, &frame.highest);
-  BIGTRI_CHECK(frame.lowest >= 0 && frame.highest < vertices, "bigtri::", op, ": triangles must index positions, 0 to ", vertices - 1, ", got indices from ",
-               frame.lowest, " to ", frame.highest);
+  BIGTRI_CHECK(frame.lowest >= 0 && frame.highest < vertices, "bigtri::", op, ": triangles must index positions, 0 to ",
+               vertices - 1, ", got indices from ", frame.lowest, " to ", frame.highest);
   return frame;
 }
 

@@ -16,7 +16,8 @@ inline cudaStream_t current_stream(int device) {
 }
 
 inline void check_launch(const char* op, cudaError_t error) {
-  if (error != cudaSuccess) cudaGetLastError();  // said here; else torch's next check would say it again, of another kernel
+  if (error != cudaSuccess)
+    cudaGetLastError();  // said here; else torch's next check would say it again, of another kernel
   BIGTRI_CHECK(error == cudaSuccess, "bigtri::", op, ": the CUDA device answered '", cudaGetErrorString(error), "'");
 }
 

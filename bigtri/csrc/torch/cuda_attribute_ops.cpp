@@ -15,8 +15,9 @@ int device_of(std::initializer_list<const Tensor*> tensors) {
 }
 
 // attributes: null for the barycentrics.
-void interpolate_pixels(const char* op, int device, const Tensor& packed, const Tensor& positions, const Tensor& triangles, const Tensor* attributes,
-                        const std::string& precision, const Tensor& out) {
+void interpolate_pixels(const char* op, int device, const Tensor& packed, const Tensor& positions,
+                        const Tensor& triangles, const Tensor* attributes, const std::string& precision,
+                        const Tensor& out) {
   const CudaRung& rung = find_rung(op, kCudaRungs, precision);
   check_interpolation(op, device, packed, positions, triangles, attributes, out);
   if (out.numel() == 0) return;
@@ -42,31 +43,39 @@ void interpolate_pixels(const char* op, int device, const Tensor& packed, const 
   check_launch(op, rung.interpolate(job, current_stream(device)));
 }
 
-void interpolate_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, const Tensor& attributes, std::string precision,
-                         const Tensor& out) {
-  interpolate_pixels("interpolate", device_of({&packed, &positions, &triangles, &attributes, &out}), packed, positions, triangles, &attributes, precision, out);
+void interpolate_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles,
+                         const Tensor& attributes, std::string precision, const Tensor& out) {
+  interpolate_pixels("interpolate", device_of({&packed, &positions, &triangles, &attributes, &out}), packed, positions,
+                     triangles, &attributes, precision, out);
 }
 
-void barycentrics_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, std::string precision, const Tensor& out) {
-  interpolate_pixels("barycentrics", device_of({&packed, &positions, &triangles, &out}), packed, positions, triangles, nullptr, precision, out);
+void barycentrics_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, std::string precision,
+                          const Tensor& out) {
+  interpolate_pixels("barycentrics", device_of({&packed, &positions, &triangles, &out}), packed, positions, triangles,
+                     nullptr, precision, out);
 }
 
-void sample_texture_cuda_op(const Tensor& texture, const Tensor& uv, std::string filter, std::string wrap, const Tensor& out) {
+void sample_texture_cuda_op(const Tensor& texture, const Tensor& uv, std::string filter, std::string wrap,
+                            const Tensor& out) {
   const int device = device_of({&texture, &uv, &out});
   check_sample(device, texture, uv, filter, wrap, out);
   if (out.numel() == 0) return;
   const torch::stable::accelerator::DeviceGuard guard(device);
-  check_launch("sample_texture", sample_cuda(const_data<float>(texture), (int)texture.size(0), (int)texture.size(1), texture.size(2), const_data<float>(uv),
-                                             uv.size(0), filter_of(filter), wrap_of(wrap), data<float>(out), current_stream(device)));
+  check_launch("sample_texture", sample_cuda(const_data<float>(texture), (int)texture.size(0), (int)texture.size(1),
+                                             texture.size(2), const_data<float>(uv), uv.size(0), filter_of(filter),
+                                             wrap_of(wrap), data<float>(out), current_stream(device)));
 }
 
-void lambert_cuda_op(const Tensor& normals, const Tensor& albedo, const Tensor& ambient, const Tensor& directions, const Tensor& colors, const Tensor& out) {
+void lambert_cuda_op(const Tensor& normals, const Tensor& albedo, const Tensor& ambient, const Tensor& directions,
+                     const Tensor& colors, const Tensor& out) {
   const int device = device_of({&normals, &albedo, &ambient, &directions, &colors, &out});
   check_lambert(device, normals, albedo, ambient, directions, colors, out);
   if (out.numel() == 0) return;
   const torch::stable::accelerator::DeviceGuard guard(device);
-  check_launch("lambert", lambert_cuda(const_data<float>(normals), const_data<float>(albedo), const_data<float>(ambient), const_data<float>(directions),
-                                       const_data<float>(colors), directions.size(0), normals.size(0), data<float>(out), current_stream(device)));
+  check_launch("lambert",
+               lambert_cuda(const_data<float>(normals), const_data<float>(albedo), const_data<float>(ambient),
+                            const_data<float>(directions), const_data<float>(colors), directions.size(0),
+                            normals.size(0), data<float>(out), current_stream(device)));
 }
 
 void encode_srgb_cuda_op(const Tensor& linear, const Tensor& thresholds, const Tensor& out) {
@@ -74,8 +83,8 @@ void encode_srgb_cuda_op(const Tensor& linear, const Tensor& thresholds, const T
   check_encode(device, linear, thresholds, out);
   if (out.numel() == 0) return;
   const torch::stable::accelerator::DeviceGuard guard(device);
-  check_launch("encode_srgb",
-               encode_srgb_cuda(const_data<float>(linear), const_data<float>(thresholds), linear.numel(), data<uint8_t>(out), current_stream(device)));
+  check_launch("encode_srgb", encode_srgb_cuda(const_data<float>(linear), const_data<float>(thresholds), linear.numel(),
+                                               data<uint8_t>(out), current_stream(device)));
 }
 
 }  // namespace

@@ -6,17 +6,24 @@
 namespace bigtri {
 namespace {
 
-std::string cuda_variants_op(std::string precision) { return registry_text(find_rung("cuda_variants", kCudaRungs, precision).variants); }
+std::string cuda_variants_op(std::string precision) {
+  return registry_text(find_rung("cuda_variants", kCudaRungs, precision).variants);
+}
 
-void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width, std::string cull, std::vector<int64_t> scissor,
-                       std::string variant, std::string precision, int64_t samples, std::vector<int64_t> parameters, std::optional<Tensor> ranges,
-                       std::optional<Tensor> behind, const Tensor& packed, std::optional<Tensor> depth, const Tensor& dropped, std::optional<Tensor> counters) {
+void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                       std::string cull, std::vector<int64_t> scissor, std::string variant, std::string precision,
+                       int64_t samples, std::vector<int64_t> parameters, std::optional<Tensor> ranges,
+                       std::optional<Tensor> behind, const Tensor& packed, std::optional<Tensor> depth,
+                       const Tensor& dropped, std::optional<Tensor> counters) {
   const char* op = "rasterize";
-  const CudaVariant& chosen = find_variant(op, find_rung(op, kCudaRungs, precision).variants, variant, precision, " on CUDA");
+  const CudaVariant& chosen =
+      find_variant(op, find_rung(op, kCudaRungs, precision).variants, variant, precision, " on CUDA");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
   check_unserved(samples, ranges, behind);
-  BIGTRI_CHECK(!counters, "bigtri::rasterize: counters must be None on CUDA, where no variant counts, got ", describe(*counters));
-  BIGTRI_CHECK(positions.defined() && positions.is_cuda(), "bigtri::rasterize: positions must be on a CUDA device like the others, got ", describe(positions));
+  BIGTRI_CHECK(!counters, "bigtri::rasterize: counters must be None on CUDA, where no variant counts, got ",
+               describe(*counters));
+  BIGTRI_CHECK(positions.defined() && positions.is_cuda(),
+               "bigtri::rasterize: positions must be on a CUDA device like the others, got ", describe(positions));
   const int device = positions.get_device_index();
   Frame frame = {};
   frame.view = viewport(op, height, width, cull, scissor);
@@ -43,4 +50,6 @@ STABLE_TORCH_LIBRARY_FRAGMENT(bigtri, m) { m.def("cuda_variants(str precision) -
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CUDA, m) { m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_cuda_op)); }
 
-STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) { m.impl("cuda_variants", TORCH_BOX(&bigtri::cuda_variants_op)); }
+STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
+  m.impl("cuda_variants", TORCH_BOX(&bigtri::cuda_variants_op));
+}

@@ -7,16 +7,18 @@
 
 namespace bigtri {
 
-inline void check_rasterize(int device, const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width, const Tensor& packed,
-                            const std::optional<Tensor>& depth, const Tensor& dropped) {
+inline void check_rasterize(int device, const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                            const Tensor& packed, const std::optional<Tensor>& depth, const Tensor& dropped) {
   const char* op = "rasterize";
   check_on(op, "positions", positions, device, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
   check_on(op, "triangles", triangles, device, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
   const int64_t batch = positions.size(0);
   check_on(op, "packed", packed, device, ScalarType::Long, {batch, height, width}, "int64 [B, height, width]");
-  if (depth) check_on(op, "depth", *depth, device, ScalarType::Float, {batch, height, width}, "float32 [B, height, width]");
+  if (depth)
+    check_on(op, "depth", *depth, device, ScalarType::Float, {batch, height, width}, "float32 [B, height, width]");
   check_on(op, "dropped", dropped, device, ScalarType::Long, {batch}, "int64 [B]");
-  for (const auto& [name, input] : {std::pair<const char*, const Tensor&>{"positions", positions}, {"triangles", triangles}}) {
+  for (const auto& [name, input] :
+       {std::pair<const char*, const Tensor&>{"positions", positions}, {"triangles", triangles}}) {
     check_apart(op, "packed", packed, name, input);
     check_apart(op, "dropped", dropped, name, input);
     if (depth) check_apart(op, "depth", *depth, name, input);
@@ -28,9 +30,15 @@ inline void check_rasterize(int device, const Tensor& positions, const Tensor& t
 
 // Arguments that the schema has and nothing serves yet; docs/numerics.md 1 says what they will mean.
 inline void check_unserved(int64_t samples, const std::optional<Tensor>& ranges, const std::optional<Tensor>& behind) {
-  BIGTRI_CHECK(samples == 1, "bigtri::rasterize: samples must be 1, the only number of samples a pixel so far, got ", samples);
-  BIGTRI_CHECK(!ranges, "bigtri::rasterize: ranges must be None, since no variant draws a range of the triangles a view yet, got ", describe(*ranges));
-  BIGTRI_CHECK(!behind, "bigtri::rasterize: behind must be None, since no variant draws the layer behind another yet, got ", describe(*behind));
+  BIGTRI_CHECK(samples == 1, "bigtri::rasterize: samples must be 1, the only number of samples a pixel so far, got ",
+               samples);
+  BIGTRI_CHECK(
+      !ranges,
+      "bigtri::rasterize: ranges must be None, since no variant draws a range of the triangles a view yet, got ",
+      describe(*ranges));
+  BIGTRI_CHECK(!behind,
+               "bigtri::rasterize: behind must be None, since no variant draws the layer behind another yet, got ",
+               describe(*behind));
 }
 
 }  // namespace bigtri

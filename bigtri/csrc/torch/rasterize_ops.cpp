@@ -6,7 +6,9 @@
 namespace bigtri {
 namespace {
 
-std::string variants_op(std::string precision) { return registry_text(find_rung("variants", kCpuRungs, precision).variants); }
+std::string variants_op(std::string precision) {
+  return registry_text(find_rung("variants", kCpuRungs, precision).variants);
+}
 
 std::string counters_op() {
   std::string names;
@@ -16,9 +18,11 @@ std::string counters_op() {
   return names;
 }
 
-void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width, std::string cull, std::vector<int64_t> scissor,
-                  std::string variant, std::string precision, int64_t samples, std::vector<int64_t> parameters, std::optional<Tensor> ranges,
-                  std::optional<Tensor> behind, const Tensor& packed, std::optional<Tensor> depth, const Tensor& dropped, std::optional<Tensor> counters) {
+void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width, std::string cull,
+                  std::vector<int64_t> scissor, std::string variant, std::string precision, int64_t samples,
+                  std::vector<int64_t> parameters, std::optional<Tensor> ranges, std::optional<Tensor> behind,
+                  const Tensor& packed, std::optional<Tensor> depth, const Tensor& dropped,
+                  std::optional<Tensor> counters) {
   const char* op = "rasterize";
   const Viewport view = viewport(op, height, width, cull, scissor);
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
@@ -49,7 +53,9 @@ std::string isa() { return name_of(current_isa()); }
 
 void set_isa(std::string name) {
   Isa isa;
-  BIGTRI_CHECK(find_isa(name, &isa), "bigtri::set_isa: name must be an instruction set of this machine ('baseline', 'avx2', 'avx512'), got '", name, "'");
+  BIGTRI_CHECK(find_isa(name, &isa),
+               "bigtri::set_isa: name must be an instruction set of this machine ('baseline', 'avx2', 'avx512'), got '",
+               name, "'");
   use_isa(isa);
 }
 
@@ -58,8 +64,10 @@ void set_isa(std::string name) {
 
 STABLE_TORCH_LIBRARY(bigtri, m) {
   m.def(
-      "rasterize(Tensor positions, Tensor triangles, int height, int width, *, str cull, int[] scissor, str variant, str precision, int samples, "
-      "int[] parameters, Tensor? ranges, Tensor? behind, Tensor(a!) packed, Tensor(b!)? depth, Tensor(c!) dropped, Tensor(d!)? counters) -> ()");
+      "rasterize(Tensor positions, Tensor triangles, int height, int width, *, str cull, int[] scissor, str variant, "
+      "str precision, int samples, "
+      "int[] parameters, Tensor? ranges, Tensor? behind, Tensor(a!) packed, Tensor(b!)? depth, Tensor(c!) dropped, "
+      "Tensor(d!)? counters) -> ()");
   m.def("has_isa(str name) -> bool");
   m.def("isa() -> str");
   m.def("set_isa(str name) -> ()");
@@ -67,18 +75,25 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
   m.def("counters() -> str");
   // The stages, as in docs/architecture.md.
   m.def(
-      "setup(Tensor positions, Tensor triangles, int height, int width, *, str cull, int[] scissor, str precision) -> (Tensor triangle, Tensor xy, Tensor z, "
+      "setup(Tensor positions, Tensor triangles, int height, int width, *, str cull, int[] scissor, str precision) -> "
+      "(Tensor triangle, Tensor xy, Tensor z, "
       "Tensor area, Tensor bbox, Tensor w, Tensor corner, Tensor weights, Tensor clipped, Tensor dropped)");
-  m.def("binning(Tensor xy, Tensor bbox, int threshold, *, str precision) -> (Tensor candidates, Tensor kept, Tensor small)");
+  m.def(
+      "binning(Tensor xy, Tensor bbox, int threshold, *, str precision) -> (Tensor candidates, Tensor kept, Tensor "
+      "small)");
   m.def("tile_mask(Tensor xy, Tensor bbox, Tensor queue, *, str precision) -> (Tensor touched, Tensor full)");
   m.def("scanline(Tensor xy, Tensor bbox, Tensor queue, Tensor touched, Tensor small, *, str precision) -> Tensor");
   m.def("depth(Tensor xy, Tensor z, Tensor area, Tensor spans, *, str precision) -> Tensor");
   m.def("visibility(Tensor triangle, Tensor spans, Tensor depth, *, Tensor(a!) out) -> ()");
   // What reads a visibility buffer.
-  m.def("interpolate(Tensor packed, Tensor positions, Tensor triangles, Tensor attributes, *, str precision, Tensor(a!) out) -> ()");
+  m.def(
+      "interpolate(Tensor packed, Tensor positions, Tensor triangles, Tensor attributes, *, str precision, Tensor(a!) "
+      "out) -> ()");
   m.def("barycentrics(Tensor packed, Tensor positions, Tensor triangles, *, str precision, Tensor(a!) out) -> ()");
   m.def("sample_texture(Tensor texture, Tensor uv, *, str filter, str wrap, Tensor(a!) out) -> ()");
-  m.def("lambert(Tensor normals, Tensor albedo, Tensor ambient, Tensor light_directions, Tensor light_colors, *, Tensor(a!) out) -> ()");
+  m.def(
+      "lambert(Tensor normals, Tensor albedo, Tensor ambient, Tensor light_directions, Tensor light_colors, *, "
+      "Tensor(a!) out) -> ()");
   m.def("encode_srgb(Tensor linear, Tensor thresholds, *, Tensor(a!) out) -> ()");
 }
 

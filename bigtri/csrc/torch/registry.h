@@ -16,7 +16,8 @@ std::string registry_text(const V* const* variants) {
       text += std::string("parameter\t") + p->name + "\t" + p->unit + "\t" + p->about;
       for (const int64_t v : {p->standard, p->low, p->high}) text += "\t" + std::to_string(v);
       text += "\t";
-      for (const int64_t* only = p->only; only && *only >= 0; ++only) text += (only == p->only ? "" : ",") + std::to_string(*only);
+      for (const int64_t* only = p->only; only && *only >= 0; ++only)
+        text += (only == p->only ? "" : ",") + std::to_string(*only);
       text += "\n";
     }
   }
@@ -48,10 +49,12 @@ const R& find_rung(const char* op, const R* rungs, const std::string& precision)
 
 // where: completes the sentence for those who look for a variant that there is elsewhere, e.g. " on CUDA".
 template <class V>
-const V& find_variant(const char* op, const V* const* variants, const std::string& name, const std::string& precision, const char* where) {
+const V& find_variant(const char* op, const V* const* variants, const std::string& name, const std::string& precision,
+                      const char* where) {
   const V* const* v = variants;
   while (*v && name != (*v)->name) ++v;
-  BIGTRI_CHECK(*v, "bigtri::", op, ": variant must be one of ", names_of(variants), where, " with precision '", precision, "', got '", name, "'");
+  BIGTRI_CHECK(*v, "bigtri::", op, ": variant must be one of ", names_of(variants), where, " with precision '",
+               precision, "', got '", name, "'");
   return **v;
 }
 
@@ -59,8 +62,8 @@ const V& find_variant(const char* op, const V* const* variants, const std::strin
 template <class V>
 std::vector<int64_t> checked_parameters(const char* op, const V& variant, const std::vector<int64_t>& given) {
   const size_t count = (size_t)parameter_count(variant.parameters);
-  BIGTRI_CHECK(given.empty() || given.size() == count, "bigtri::", op, ": parameters must be none or ", count, " integers for variant '", variant.name,
-               "', got ", given.size());
+  BIGTRI_CHECK(given.empty() || given.size() == count, "bigtri::", op, ": parameters must be none or ", count,
+               " integers for variant '", variant.name, "', got ", given.size());
   std::vector<int64_t> values = given;
   for (size_t i = 0; i < count; ++i) {
     const Parameter& p = variant.parameters[i];
@@ -73,7 +76,8 @@ std::vector<int64_t> checked_parameters(const char* op, const V& variant, const 
       allowed.clear();
       for (const int64_t* v = p.only; *v >= 0; ++v) allowed += (v == p.only ? "" : ", ") + std::to_string(*v);
     }
-    BIGTRI_CHECK(p.allows(values[i]), "bigtri::", op, ": parameter ", p.name, " of variant '", variant.name, "' must be ", allowed, ", got ", values[i]);
+    BIGTRI_CHECK(p.allows(values[i]), "bigtri::", op, ": parameter ", p.name, " of variant '", variant.name,
+                 "' must be ", allowed, ", got ", values[i]);
   }
   return values;
 }

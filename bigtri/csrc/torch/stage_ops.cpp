@@ -12,7 +12,8 @@ void check_vertices(const char* op, const CpuRung& rung, const Tensor& xy) {
   check(op, "xy", xy, ScalarType::Int, {-1, 3, 2}, "int32 [N, 3, 2]");
   const int32_t* v = const_data<int32_t>(xy);
   for (int64_t i = 0, n = xy.numel(); i < n; ++i)
-    BIGTRI_CHECK(v[i] >= -rung.guard && v[i] < rung.guard, "bigtri::", op, ": xy must lie in [", -rung.guard, ", ", rung.guard, ") subpx, got ", v[i]);
+    BIGTRI_CHECK(v[i] >= -rung.guard && v[i] < rung.guard, "bigtri::", op, ": xy must lie in [", -rung.guard, ", ",
+                 rung.guard, ") subpx, got ", v[i]);
 }
 
 void check_records(const char* op, const CpuRung& rung, const Tensor& xy, const Tensor& bbox) {
@@ -20,11 +21,13 @@ void check_records(const char* op, const CpuRung& rung, const Tensor& xy, const 
   check(op, "bbox", bbox, ScalarType::Int, {xy.size(0), 4}, "int32 [N, 4]");
   const int32_t* b = const_data<int32_t>(bbox);
   for (int64_t i = 0, n = bbox.numel(); i < n; ++i)
-    BIGTRI_CHECK(b[i] >= 0 && b[i] <= kMaxSize, "bigtri::", op, ": bbox must lie in 0 to ", kMaxSize, " px, got ", b[i]);
+    BIGTRI_CHECK(b[i] >= 0 && b[i] <= kMaxSize, "bigtri::", op, ": bbox must lie in 0 to ", kMaxSize, " px, got ",
+                 b[i]);
 }
 
 void check_record(const char* op, const char* name, int64_t record, int64_t count) {
-  BIGTRI_CHECK(record >= 0 && record < count, "bigtri::", op, ": ", name, " must name records 0 to ", count - 1, ", got ", record);
+  BIGTRI_CHECK(record >= 0 && record < count, "bigtri::", op, ": ", name, " must name records 0 to ", count - 1,
+               ", got ", record);
 }
 
 void check_queue(const char* op, const Tensor& queue, int64_t records) {
@@ -33,8 +36,8 @@ void check_queue(const char* op, const Tensor& queue, int64_t records) {
   for (int64_t i = 0; i < queue.size(0); ++i) {
     check_record(op, "queue", q[3 * i], records);
     for (int k = 1; k < 3; ++k)
-      BIGTRI_CHECK(q[3 * i + k] >= 0 && q[3 * i + k] < kMaxSize / kBin, "bigtri::", op, ": queue must name bins 0 to ", kMaxSize / kBin - 1, ", got ",
-                   q[3 * i + k]);
+      BIGTRI_CHECK(q[3 * i + k] >= 0 && q[3 * i + k] < kMaxSize / kBin, "bigtri::", op, ": queue must name bins 0 to ",
+                   kMaxSize / kBin - 1, ", got ", q[3 * i + k]);
   }
 }
 
@@ -45,7 +48,8 @@ int64_t check_spans(const char* op, const Tensor& spans, int64_t records) {
   for (int64_t i = 0; i < spans.size(0); ++i, s += 4) {
     check_record(op, "spans", s[0], records);
     BIGTRI_CHECK(s[1] >= 0 && s[1] < kMaxSize && 0 <= s[2] && s[2] <= s[3] && s[3] <= kMaxSize, "bigtri::", op,
-                 ": spans must be (record, y, lower, upper) inside the image, got (", s[0], ", ", s[1], ", ", s[2], ", ", s[3], ")");
+                 ": spans must be (record, y, lower, upper) inside the image, got (", s[0], ", ", s[1], ", ", s[2],
+                 ", ", s[3], ")");
     pixels += s[3] - s[2];
   }
   return pixels;
@@ -58,9 +62,9 @@ Tensor copied(const std::vector<T>& from, const std::vector<int64_t>& shape, Sca
   return t;
 }
 
-std::tuple<Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor> setup_op(const Tensor& positions, const Tensor& triangles,
-                                                                                                    int64_t height, int64_t width, std::string cull,
-                                                                                                    std::vector<int64_t> scissor, std::string precision) {
+std::tuple<Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor> setup_op(
+    const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width, std::string cull,
+    std::vector<int64_t> scissor, std::string precision) {
   const char* op = "setup";
   const Viewport view = viewport(op, height, width, cull, scissor);
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
@@ -82,7 +86,8 @@ std::tuple<Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tenso
           copied(o.clipped, {n}, ScalarType::Bool),  dropped};
 }
 
-std::tuple<Tensor, Tensor, Tensor> binning_op(const Tensor& xy, const Tensor& bbox, int64_t threshold, std::string precision) {
+std::tuple<Tensor, Tensor, Tensor> binning_op(const Tensor& xy, const Tensor& bbox, int64_t threshold,
+                                              std::string precision) {
   const CpuRung& rung = find_rung("binning", kCpuRungs, precision);
   check_records("binning", rung, xy, bbox);
   BinningOutput o;
@@ -92,17 +97,19 @@ std::tuple<Tensor, Tensor, Tensor> binning_op(const Tensor& xy, const Tensor& bb
           copied(o.small, {(int64_t)o.small.size()}, ScalarType::Int)};
 }
 
-std::tuple<Tensor, Tensor> tile_mask_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, std::string precision) {
+std::tuple<Tensor, Tensor> tile_mask_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue,
+                                        std::string precision) {
   const CpuRung& rung = find_rung("tile_mask", kCpuRungs, precision);
   check_records("tile_mask", rung, xy, bbox);
   check_queue("tile_mask", queue, xy.size(0));
   Tensor touched = empty({queue.size(0)}, ScalarType::Long), full = empty({queue.size(0)}, ScalarType::Long);
-  rung.stages->tile_mask(const_data<int32_t>(xy), const_data<int32_t>(bbox), const_data<int32_t>(queue), queue.size(0), data<int64_t>(touched),
-                         data<int64_t>(full));
+  rung.stages->tile_mask(const_data<int32_t>(xy), const_data<int32_t>(bbox), const_data<int32_t>(queue), queue.size(0),
+                         data<int64_t>(touched), data<int64_t>(full));
   return {touched, full};
 }
 
-Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, const Tensor& touched, const Tensor& small, std::string precision) {
+Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, const Tensor& touched,
+                   const Tensor& small, std::string precision) {
   const char* op = "scanline";
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
   check_records(op, rung, xy, bbox);
@@ -110,11 +117,12 @@ Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, co
   check(op, "touched", touched, ScalarType::Long, {queue.size(0)}, "int64 [Q]");
   check(op, "small", small, ScalarType::Int, {-1}, "int32 [M]");
   const int32_t *v = const_data<int32_t>(xy), *b = const_data<int32_t>(bbox);
-  std::vector<int32_t> spans, some(4 * kMaxSize);  // the most that one call writes: 512 spans of a bin, or one per row of the image
+  std::vector<int32_t> spans,
+      some(4 * kMaxSize);  // the most that one call writes: 512 spans of a bin, or one per row of the image
   for (int64_t i = 0; i < queue.size(0); ++i) {
     const int32_t* entry = const_data<int32_t>(queue) + 3 * i;
-    const int64_t n =
-        rung.stages->scan_tiles(v + 6 * (int64_t)entry[0], b + 4 * (int64_t)entry[0], entry, (uint64_t)const_data<int64_t>(touched)[i], some.data());
+    const int64_t n = rung.stages->scan_tiles(v + 6 * (int64_t)entry[0], b + 4 * (int64_t)entry[0], entry,
+                                              (uint64_t)const_data<int64_t>(touched)[i], some.data());
     spans.insert(spans.end(), some.begin(), some.begin() + 4 * n);
   }
   for (int64_t i = 0; i < small.size(0); ++i) {
@@ -136,10 +144,12 @@ Tensor depth_op(const Tensor& xy, const Tensor& z, const Tensor& area, const Ten
     const int32_t* v = const_data<int32_t>(xy) + 6 * i;
     const int64_t given = const_data<int64_t>(area)[i];
     const int64_t right = (int64_t)(v[2] - v[0]) * (v[5] - v[1]) - (int64_t)(v[3] - v[1]) * (v[4] - v[0]);
-    BIGTRI_CHECK(given > 0 && given == right, "bigtri::depth: area must be twice the area of xy, ", right, " subpx^2 and positive, got ", given);
+    BIGTRI_CHECK(given > 0 && given == right, "bigtri::depth: area must be twice the area of xy, ", right,
+                 " subpx^2 and positive, got ", given);
   }
   Tensor out = empty({check_spans(op, spans, xy.size(0))}, ScalarType::Float);
-  rung.stages->depth(const_data<int32_t>(xy), const_data<float>(z), const_data<int64_t>(area), const_data<int32_t>(spans), spans.size(0), data<float>(out));
+  rung.stages->depth(const_data<int32_t>(xy), const_data<float>(z), const_data<int64_t>(area),
+                     const_data<int32_t>(spans), spans.size(0), data<float>(out));
   return out;
 }
 
@@ -149,14 +159,15 @@ void visibility_op(const Tensor& triangle, const Tensor& spans, const Tensor& de
   const int64_t height = out.size(0), width = out.size(1);
   check_size(op, height, width);
   check(op, "triangle", triangle, ScalarType::Int, {-1}, "int32 [N]");
-  check(op, "depth", depth, ScalarType::Float, {check_spans(op, spans, triangle.size(0))}, "float32 [F], one per pixel of the spans");
+  check(op, "depth", depth, ScalarType::Float, {check_spans(op, spans, triangle.size(0))},
+        "float32 [F], one per pixel of the spans");
   check_apart(op, "out", out, "triangle", triangle);
   check_apart(op, "out", out, "spans", spans);
   check_apart(op, "out", out, "depth", depth);
   const int32_t* s = const_data<int32_t>(spans);
   for (int64_t i = 0; i < spans.size(0); ++i)
-    BIGTRI_CHECK(s[4 * i + 1] < height && s[4 * i + 3] <= width, "bigtri::visibility: spans must lie in the image of ", height, " x ", width, ", got row ",
-                 s[4 * i + 1], ", upper ", s[4 * i + 3]);
+    BIGTRI_CHECK(s[4 * i + 1] < height && s[4 * i + 3] <= width, "bigtri::visibility: spans must lie in the image of ",
+                 height, " x ", width, ", got row ", s[4 * i + 1], ", upper ", s[4 * i + 3]);
   int64_t* packed = data<int64_t>(out);
   std::fill(packed, packed + height * width, kBackground);
   const float* z = const_data<float>(depth);
