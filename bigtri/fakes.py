@@ -16,7 +16,8 @@ Result = Callable[[dict[str, Any]], Any]
 
 
 class _Operator(NamedTuple):
-    dimensions: dict[str, int | str | None]  # of each tensor, in the schema's order; None: any number; a name: as that one
+    # Of each tensor, in the schema's order: a number or several allowed ones; a name: as that one; None: any number.
+    dimensions: dict[str, int | tuple[int, ...] | str | None]
     result: Result = lambda _: None  # operators that write to an argument return nothing
     anywhere: tuple[str, ...] = ()  # tensors that may also be on the CPU, wherever the others are
 
@@ -44,10 +45,20 @@ def _masks(a: dict[str, Any]) -> tuple[torch.Tensor, ...]:
     return masks, torch.empty_like(masks)
 
 
-_DRAWN = {"positions": 3, "triangles": 2}
-_READ = {"packed": 3, **_DRAWN}
+_READ = {"packed": 3, "positions": 3, "triangles": 2}
 OPERATORS: dict[str, _Operator] = {
-    "rasterize": _Operator({**_DRAWN, "ranges": 2, "behind": 3, "packed": 3, "depth": 3, "dropped": 1, "counters": 1}),
+    "rasterize": _Operator(
+        {
+            "positions": (2, 3),
+            "triangles": 2,
+            "ranges": 2,
+            "behind": "positions",
+            "packed": "positions",
+            "depth": "positions",
+            "dropped": (0, 1),
+            "counters": 1,
+        }
+    ),
     "setup": _Operator({"positions": 2, "triangles": 2}, _records),
     "binning": _Operator({"xy": 3, "bbox": 2}, _bins),
     "tile_mask": _Operator({"xy": 3, "bbox": 2, "queue": 2}, _masks),
@@ -77,7 +88,9 @@ def _fake(name: str, names: list[str], *given: Any, **named: Any) -> Any:
     for key, value in tensors.items():
         wanted = operator.dimensions[key]
         wanted = tensors[wanted].ndim if isinstance(wanted, str) else wanted
-        if wanted is not None and value.ndim != wanted:
+        allowed = (wanted,) if isinstance(wanted, int) else wanted
+        if allowed is not None and value.ndim not in allowed:
+            wanted = " or ".join(map(str, allowed))
             raise RuntimeError(f"bigtri::{name}: {key} must have {wanted} dimensions, got {list(value.shape)}")
         if value.device != reference.device and not (key in operator.anywhere and value.device.type == "cpu"):
             raise RuntimeError(f"bigtri::{name}: {key} must be on {reference.device} like {first}, got {value.device}")

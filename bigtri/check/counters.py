@@ -58,22 +58,9 @@ def count(
                 total[name] = total.get(name, 0) + n
         return {name: n for name, n in total.items() if n}
     counters = torch.zeros(len(native.COUNTERS), dtype=torch.int64)
-    torch.ops.bigtri.rasterize(
-        views,
-        faces,
-        height,
-        width,
-        cull=cull,
-        scissor=list(box),
-        variant=variant,
-        precision=precision,
-        samples=1,
-        parameters=native.parameter_values(op, native.REGISTRY["cpu"][precision][variant], None),
-        ranges=None,
-        behind=None,
-        packed=torch.empty((len(views), height, width), dtype=torch.int64),
-        depth=None,
-        dropped=torch.empty(len(views), dtype=torch.int64),
-        counters=counters,
-    )
+    parameters = native.parameter_values(op, native.REGISTRY["cpu"][precision][variant], None)
+    packed = torch.empty((*clip.shape[:-2], height, width), dtype=torch.int64)
+    dropped = torch.empty(clip.shape[:-2], dtype=torch.int64)
+    drawing = (clip, faces, height, width, cull, box, variant, precision, 1, parameters, None, None)
+    torch.ops.bigtri.rasterize(*drawing, packed, None, dropped, counters)
     return {name: int(n) for name, n in zip(native.COUNTERS, counters, strict=True) if n}

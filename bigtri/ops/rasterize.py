@@ -6,6 +6,7 @@ import sys
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
 from .. import native
@@ -87,55 +88,38 @@ def rasterize(
     arguments.check_size(op, "positions", clip, -1, 4, "x, y, z, w")
     arguments.check_size(op, "triangles", faces, 1, 3, "corners")
     arguments.check_same_device(op, "reference", positions=clip, triangles=faces)  # no backend draws on the meta device
-    built = native.REGISTRY
-    if chosen == "native" and clip.device.type not in built:
+    kind = clip.device.type
+    rungs = native.REGISTRY.get(kind)
+    if chosen == "native" and rungs is None:
         why = "as the extension is built here"
         if clip.is_cuda and native.is_broken("cuda"):
             why = f"as the extension's library for cuda does not load here ({native.load_error('cuda')})"
-        raise ValueError(f"bigtri.{op}: positions must be on {' or '.join(built)}, {why}, got {clip.device}")
-    variants = built[clip.device.type][precision] if clip.device.type in built else {}
-    arguments.check_choice(op, "variant", variant, ("auto", *variants))
+        built = " or ".join(native.REGISTRY)
+        raise ValueError(f"bigtri.{op}: positions must be on {built}, {why}, got {clip.device}")
+    variants = rungs[precision] if rungs else {}
+    if variant != "auto":
+        arguments.check_choice(op, "variant", variant, ("auto", *variants))
     if parameters and chosen == "reference":
         raise ValueError(f"bigtri.{op}: parameters must be None with the reference, which has none, got {dict(parameters)}")
-    shape = (*clip.shape[:-2], height, width)
-    views = clip if clip.ndim == 3 else clip[None]
 
-    result = arguments.check_output(op, out, torch.int64, shape, clip.device, positions=clip, triangles=faces)
-    packed = result.view(views.shape[0], height, width)
-    dropped = clip.new_empty(views.shape[0], dtype=torch.int64)
-    image = clip.new_empty(packed.shape) if depth else None
+    shape = (*clip.shape[:-2], height, width)
+    packed = arguments.check_output(op, out, torch.int64, shape, clip.device, positions=clip, triangles=faces)
+    dropped = clip.new_empty(shape[:-2], dtype=torch.int64)
+    image = clip.new_empty(shape) if depth else None
     if chosen == "native":
         if validate:
             check_indices(op, faces, clip.shape[-2])
         picked = next(iter(variants.values())) if variant == "auto" else variants[variant]
-        torch.ops.bigtri.rasterize(
-            views,
-            faces,
-            height,
-            width,
-            cull=cull,
-            scissor=list(box),
-            variant=picked.name,
-            precision=precision,
-            samples=1,
-            parameters=native.parameter_values(op, picked, parameters),
-            ranges=None,
-            behind=None,
-            packed=packed,
-            depth=image,
-            dropped=dropped,
-            counters=None,
-        )
+        values = native.parameter_values(op, picked, parameters)
+        drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, None, None)
+        torch.ops.bigtri.rasterize(*drawing, packed, image, dropped, None)
     else:
-        _draw_reference(op, views, faces, box, cull, RUNGS[precision], packed, image, dropped)
+        _draw_reference(op, clip, faces, box, cull, RUNGS[precision], packed, image, dropped)
 
-    packed = packed.view(shape)
-    return Visibility(
-        arguments.like(packed, positions),
-        arguments.like(packed.view(torch.int32)[..., _LOW_HALF::2], positions),
-        None if image is None else arguments.like(image.view(shape), positions),
-        arguments.like(dropped if clip.ndim == 3 else dropped[0], positions),
-    )
+    triangle = packed.view(torch.int32)[..., _LOW_HALF::2]
+    if isinstance(positions, np.ndarray):
+        return Visibility(packed.numpy(), triangle.numpy(), None if image is None else image.numpy(), dropped.numpy())
+    return Visibility(packed, triangle, image, dropped)
 
 
 def check_indices(op: str, triangles: torch.Tensor, vertices: int) -> None:
@@ -152,7 +136,7 @@ def check_indices(op: str, triangles: torch.Tensor, vertices: int) -> None:
 
 def _draw_reference(
     op: str,
-    views: torch.Tensor,
+    clip: torch.Tensor,
     faces: torch.Tensor,
     box: tuple[int, int, int, int],
     cull: str,
@@ -161,15 +145,16 @@ def _draw_reference(
     image: torch.Tensor | None,
     dropped: torch.Tensor,
 ) -> None:
-    """Draw each of ``views`` [B, V, 4] with the reference into packed [B, H, W], depth [B, H, W] and dropped [B]."""
-    check_indices(op, faces, views.shape[1])
-    for b, clip in enumerate(views):
-        height, width = packed.shape[1:]
-        result, lost = pipeline.rasterize(
-            clip.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box, arithmetic=arithmetic
+    """Draw clip [V, 4] or [B, V, 4] with the reference into packed and depth [..., H, W] and dropped [...]."""
+    check_indices(op, faces, clip.shape[-2])
+    views, results, lost = (clip, packed, dropped) if clip.ndim == 3 else (clip[None], packed[None], dropped[None])
+    height, width = packed.shape[-2:]
+    for b, view in enumerate(views):
+        result, count = pipeline.rasterize(
+            view.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box, arithmetic=arithmetic
         )
-        packed[b] = torch.from_numpy(result)
-        dropped[b] = lost
+        results[b] = torch.from_numpy(result)
+        lost[b] = count
     if image is not None:
         high = (packed >> 32).to(torch.int32)
         image.copy_(torch.where(packed == torch.iinfo(torch.int64).max, torch.inf, high.view(torch.float32)))

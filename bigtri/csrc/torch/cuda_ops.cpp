@@ -27,14 +27,12 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   const int device = positions.get_device_index();
   Frame frame = {};
   frame.view = viewport(op, height, width, cull, scissor);
-  check_rasterize(device, positions, triangles, height, width, packed, depth, dropped);
+  frame.views = checked_views(device, positions, triangles, height, width, packed, depth, dropped);
   check_count(op, "triangles", triangles.size(0));
-  check_count(op, "positions", positions.size(0));
   frame.positions = const_data<float>(positions);
   frame.triangles = const_data<int32_t>(triangles);
-  frame.vertices = positions.size(1);
+  frame.vertices = positions.size(-2);
   frame.count = (int32_t)triangles.size(0);
-  frame.views = (int32_t)positions.size(0);
   frame.packed = data<int64_t>(packed);
   frame.depth = depth ? data<float>(*depth) : nullptr;
   frame.dropped = data<int64_t>(dropped);

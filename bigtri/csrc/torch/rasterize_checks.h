@@ -7,16 +7,26 @@
 
 namespace bigtri {
 
-inline void check_rasterize(int device, const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
-                            const Tensor& packed, const std::optional<Tensor>& depth, const Tensor& dropped) {
+// Positions [V, 4] are one view, and its outputs have no dimension for views. Returns the number of views.
+inline int32_t checked_views(int device, const Tensor& positions, const Tensor& triangles, int64_t height,
+                             int64_t width, const Tensor& packed, const std::optional<Tensor>& depth,
+                             const Tensor& dropped) {
   const char* op = "rasterize";
-  check_on(op, "positions", positions, device, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
+  if (positions.defined() && positions.dim() == 2) {
+    check_on(op, "positions", positions, device, ScalarType::Float, {-1, 4}, "float32 [V, 4]");
+    check_on(op, "packed", packed, device, ScalarType::Long, {height, width}, "int64 [height, width]");
+    if (depth) check_on(op, "depth", *depth, device, ScalarType::Float, {height, width}, "float32 [height, width]");
+    check_on(op, "dropped", dropped, device, ScalarType::Long, {}, "int64 []");
+  } else {
+    check_on(op, "positions", positions, device, ScalarType::Float, {-1, -1, 4}, "float32 [V, 4] or [B, V, 4]");
+    const int64_t views = positions.size(0);
+    check_count(op, "positions", views);
+    check_on(op, "packed", packed, device, ScalarType::Long, {views, height, width}, "int64 [B, height, width]");
+    if (depth)
+      check_on(op, "depth", *depth, device, ScalarType::Float, {views, height, width}, "float32 [B, height, width]");
+    check_on(op, "dropped", dropped, device, ScalarType::Long, {views}, "int64 [B]");
+  }
   check_on(op, "triangles", triangles, device, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
-  const int64_t batch = positions.size(0);
-  check_on(op, "packed", packed, device, ScalarType::Long, {batch, height, width}, "int64 [B, height, width]");
-  if (depth)
-    check_on(op, "depth", *depth, device, ScalarType::Float, {batch, height, width}, "float32 [B, height, width]");
-  check_on(op, "dropped", dropped, device, ScalarType::Long, {batch}, "int64 [B]");
   for (const auto& [name, input] :
        {std::pair<const char*, const Tensor&>{"positions", positions}, {"triangles", triangles}}) {
     check_apart(op, "packed", packed, name, input);
@@ -26,6 +36,7 @@ inline void check_rasterize(int device, const Tensor& positions, const Tensor& t
   check_apart(op, "dropped", dropped, "packed", packed);
   if (depth) check_apart(op, "depth", *depth, "packed", packed);
   if (depth) check_apart(op, "depth", *depth, "dropped", dropped);
+  return positions.dim() == 2 ? 1 : (int32_t)positions.size(0);
 }
 
 // Arguments that the schema has and nothing serves yet; docs/numerics.md 1 says what they will mean.
