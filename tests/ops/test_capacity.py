@@ -167,6 +167,25 @@ def test_the_smallest_queues_give_the_same_bits(name: str) -> None:
         assert all(np.array_equal(a, b) for a, b in zip(expected, got, strict=True)), limits
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_more_views_than_are_drawn_together(threads: int) -> None:
+    """7000 records a view: on one thread a pass ends with the third view, within the batch."""
+    rng = np.random.default_rng(5)
+    views = rng.uniform(-1, 1, (11, 3 * 7000, 4)).astype(np.float32)
+    views[..., 3] = 1
+    views.reshape(11, -1, 3, 4)[:, :, 1:, :2] = views.reshape(11, -1, 3, 4)[:, :, :1, :2] + rng.uniform(-0.2, 0.2, (2, 2))
+    triangles = np.arange(3 * 7000, dtype=np.int32).reshape(-1, 3)
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(threads)
+        batch = bigtri.rasterize(views, triangles, (70, 90))
+        for k, view in enumerate(views):
+            single = bigtri.rasterize(view, triangles, (70, 90))
+            assert all(np.array_equal(a[k], b) for a, b in zip(batch, single, strict=True)), k
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_the_smallest_queues_hold_the_largest_images() -> None:
     """65,536 bins of one triangle, one at a time."""
     positions = np.float32([[-1, -1, -1, 1], [3, -1, 0, 1], [-1, 3, 0.5, 1], [0.3, 0.9, -2, 0.5], [-2, -2, 3, -1]])
