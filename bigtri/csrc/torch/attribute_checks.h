@@ -1,4 +1,5 @@
-// What the operators that read a visibility buffer ask of their arguments, the same on every device. device: kCpu, or the CUDA device all tensors have to be on.
+// Argument checks of the attribute pass (interpolation, textures, shading). CPU and CUDA share them: `device` is kCpu,
+// or the CUDA device that all tensors must be on.
 #pragma once
 
 #include "../core/texture.h"
@@ -8,7 +9,7 @@ namespace bigtri {
 
 constexpr int64_t kMaxTexture = 65536;  // px a side: texel coordinates stay exact in float32 and int32
 
-// attributes: null for the barycentrics.
+// attributes is null for the operator `barycentrics`.
 inline void check_interpolation(const char* op, int device, const Tensor& packed, const Tensor& positions,
                                 const Tensor& triangles, const Tensor* attributes, const Tensor& out) {
   if (attributes) {
@@ -51,7 +52,7 @@ inline void check_sample(int device, const Tensor& texture, const Tensor& uv, co
   check_apart(op, "out", out, "uv", uv);
 }
 
-// Names that check_sample has passed.
+// The name must have passed check_sample.
 inline Filter filter_of(const std::string& name) { return name == "nearest" ? Filter::kNearest : Filter::kBilinear; }
 inline Wrap wrap_of(const std::string& name) { return name == "repeat" ? Wrap::kRepeat : Wrap::kClamp; }
 
@@ -71,7 +72,7 @@ inline void check_lambert(int device, const Tensor& normals, const Tensor& albed
   check_apart(op, "out", out, "light_colors", colors);
 }
 
-// linear: of any shape; thresholds: on the CPU, wherever linear is, since they go to a GPU with the launch.
+// linear may have any shape. thresholds stay on the CPU: a kernel gets them by value, as a launch parameter.
 inline void check_encode(int device, const Tensor& linear, const Tensor& thresholds, const Tensor& out) {
   const char* op = "encode_srgb";
   check_on(op, "linear", linear, device, ScalarType::Float, shape_of(linear), "float32");

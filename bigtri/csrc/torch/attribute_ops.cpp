@@ -1,4 +1,4 @@
-// torch.ops.bigtri: what reads a visibility buffer.
+// The operators of the attribute pass on the CPU: interpolate, barycentrics, sample_texture, lambert, encode_srgb.
 
 #include "attribute_checks.h"
 #include "registry.h"

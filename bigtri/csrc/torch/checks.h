@@ -1,4 +1,5 @@
-// Argument checks that name the argument, what came and what is allowed.
+// Argument checks shared by all operators. A failed check throws; its text names the operator and the argument, and
+// says what is allowed and what came.
 #pragma once
 
 #include <torch/csrc/inductor/aoti_torch/c/shim.h>
@@ -19,8 +20,9 @@ namespace bigtri {
 using torch::headeronly::ScalarType;
 using torch::stable::Tensor;
 
-// STD_TORCH_CHECK would put the path of this file on the machine that built it into every message. No streams: where a toolchain links its C++ library statically, their locales clash with
-// those of the library that torch has loaded, and printing a number crashes.
+// Error texts are made here and not by STD_TORCH_CHECK, which puts the path of this file on the build machine into each
+// of them. They are made without streams: a toolchain that links libstdc++ statically brings a second set of locales,
+// which clashes with that of torch's libstdc++, and printing a number crashes.
 inline std::string text_of(const char* v) { return v; }
 inline std::string text_of(const std::string& v) { return v; }
 inline std::string text_of(const std::vector<int64_t>& shape) {
@@ -42,7 +44,7 @@ template <class... Parts>
 #define BIGTRI_CHECK(CONDITION, ...) \
   if (!(CONDITION)) fail(__VA_ARGS__)
 
-// None where the stable ABI does not know it.
+// None for a dtype that the stable ABI does not know.
 inline std::optional<ScalarType> type_of(const Tensor& t) {
   try {
     return t.scalar_type();
@@ -51,7 +53,7 @@ inline std::optional<ScalarType> type_of(const Tensor& t) {
   }
 }
 
-// A storage can be made smaller than its tensors. For contiguous ones.
+// Whether the storage of a contiguous tensor holds all its elements: a storage can be resized under its tensors.
 inline bool has_memory(const Tensor& t) {
   int64_t bytes = 0;
   TORCH_ERROR_CODE_CHECK(aoti_torch_get_storage_size(t.get(), &bytes));
@@ -79,14 +81,13 @@ inline bool fits(const Tensor& t, ScalarType type, const std::vector<int64_t>& s
   return ok;
 }
 
-// shape: -1 is any size.
+// A size of -1 in `shape` allows any size. `wanted` says the same for the error text.
 inline void check(const char* op, const char* name, const Tensor& t, ScalarType type, const std::vector<int64_t>& shape,
                   const char* wanted) {
   BIGTRI_CHECK(t.defined() && t.is_cpu() && fits(t, type, shape), "bigtri::", op, ": ", name,
                " must be a contiguous CPU tensor, ", wanted, ", got ", describe(t));
 }
 
-// On the CUDA device given.
 inline void check_cuda(const char* op, const char* name, const Tensor& t, int device, ScalarType type,
                        const std::vector<int64_t>& shape, const char* wanted) {
   BIGTRI_CHECK(t.defined() && t.is_cuda() && t.get_device_index() == device && fits(t, type, shape), "bigtri::", op,
@@ -95,7 +96,6 @@ inline void check_cuda(const char* op, const char* name, const Tensor& t, int de
 
 constexpr int kCpu = -1;
 
-// On the CPU where device is kCpu, else on that CUDA device.
 inline void check_on(const char* op, const char* name, const Tensor& t, int device, ScalarType type,
                      const std::vector<int64_t>& shape, const char* wanted) {
   if (device == kCpu)
@@ -113,7 +113,7 @@ inline void check_count(const char* op, const char* name, int64_t count) {
   BIGTRI_CHECK(count <= INT32_MAX, "bigtri::", op, ": ", name, " must have at most 2147483647 rows, got ", count);
 }
 
-// Outputs are written while inputs are still read.
+// An output must not overlap an input: it is written while the input is still read.
 inline void check_apart(const char* op, const char* output_name, const Tensor& output, const char* input_name,
                         const Tensor& input) {
   const char *a = static_cast<const char*>(output.const_data_ptr()),
@@ -139,12 +139,12 @@ inline Tensor empty(const std::vector<int64_t>& shape, ScalarType type, int devi
                                     (torch::stable::DeviceIndex)device);
   try {
     return torch::stable::empty(shape, type, std::nullopt, place);
-  } catch (const std::exception&) {  // its text says where torch was built
+  } catch (const std::exception&) {  // not passed on: its text has paths of the machine that built torch
     fail("bigtri: no memory for a tensor ", torch::headeronly::toString(type), " ", shape);
   }
 }
 
-// As many threads as torch uses (torch.set_num_threads), from a pool of our own; no more than the largest machines have, since each has memory of its own.
+// As many threads as torch uses (torch.set_num_threads), of bigtri's own pool. At most 1024, since each takes memory.
 inline Parallel torch_threads() { return {(int)min_of<int64_t>(torch::stable::get_num_threads(), 1024)}; }
 
 inline Viewport viewport(const char* op, int64_t height, int64_t width, const std::string& cull,
@@ -166,7 +166,7 @@ inline Viewport viewport(const char* op, int64_t height, int64_t width, const st
                             : kCullNone};
 }
 
-// The triangles of a frame; every index is checked before anything is drawn.
+// A frame with its triangles filled in. Throws if an index is out of range, before anything is drawn.
 inline CheckedFrame checked_frame(const char* op, const Parallel& parallel, const Tensor& triangles, int64_t vertices) {
   check_count(op, "triangles", triangles.size(0));
   CheckedFrame frame = {};

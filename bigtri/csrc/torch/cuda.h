@@ -1,4 +1,4 @@
-// Where CUDA work goes: torch's current stream of the tensors' device, with torch's memory.
+// What the CUDA operators share: torch's current stream, and errors of a launch.
 #pragma once
 
 #include <torch/csrc/inductor/aoti_torch/c/shim.h>
@@ -17,7 +17,7 @@ inline cudaStream_t current_stream(int device) {
 
 inline void check_launch(const char* op, cudaError_t error) {
   if (error != cudaSuccess)
-    cudaGetLastError();  // said here; else torch's next check would say it again, of another kernel
+    cudaGetLastError();  // clears it; else torch's next check would report it again, for another kernel
   BIGTRI_CHECK(error == cudaSuccess, "bigtri::", op, ": the CUDA device answered '", cudaGetErrorString(error), "'");
 }
 

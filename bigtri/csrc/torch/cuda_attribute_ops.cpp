@@ -1,4 +1,5 @@
-// The operators that read a visibility buffer on CUDA: torch.ops.bigtri.interpolate, barycentrics, sample_texture, lambert, encode_srgb. Nothing here waits for the device.
+// The operators of the attribute pass on CUDA: interpolate, barycentrics, sample_texture, lambert, encode_srgb. None
+// waits for the device.
 
 #include "../cuda/shading.h"
 #include "attribute_checks.h"
@@ -7,14 +8,14 @@
 namespace bigtri {
 namespace {
 
-// The device of the first tensor that is on one; the checks then find those that are elsewhere.
+// The device of the first CUDA tensor. The checks that follow reject tensors on any other.
 int device_of(std::initializer_list<const Tensor*> tensors) {
   for (const Tensor* t : tensors)
     if (t->defined() && t->is_cuda()) return t->get_device_index();
   return kCpu;
 }
 
-// attributes: null for the barycentrics.
+// attributes is null for the operator `barycentrics`.
 void interpolate_pixels(const char* op, int device, const Tensor& packed, const Tensor& positions,
                         const Tensor& triangles, const Tensor* attributes, const std::string& precision,
                         const Tensor& out) {

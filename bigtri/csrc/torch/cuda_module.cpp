@@ -1,4 +1,5 @@
-// `import bigtri._cuda` loads the library, whose static initialisers register the operators; the module itself is empty. bigtri._C, which defines them, has to be loaded before.
+// The Python module `bigtri._cuda`. It is empty: importing it loads the library, and static initialisers register the
+// CUDA kernels of the operators. `bigtri._C` defines the operators and must be imported first.
 
 #include <Python.h>
 

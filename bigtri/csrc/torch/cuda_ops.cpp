@@ -1,4 +1,4 @@
-// torch.ops.bigtri.rasterize on CUDA, and what there is to choose from. Nothing here waits for the device.
+// torch.ops.bigtri.rasterize on CUDA, and the list of CUDA variants. Nothing here waits for the device.
 
 #include "cuda.h"
 #include "rasterize_checks.h"

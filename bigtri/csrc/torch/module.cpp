@@ -1,4 +1,5 @@
-// `import bigtri._C` loads the library, whose static initialisers register the operators; the module itself is empty.
+// The Python module `bigtri._C`. It is empty: importing it loads the library, and static initialisers register the
+// operators.
 
 #include <Python.h>
 

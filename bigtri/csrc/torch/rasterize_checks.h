@@ -1,4 +1,5 @@
-// What rasterize asks of its tensors, the same on every device. device: kCpu, or the CUDA device all have to be on.
+// Argument checks of rasterize. CPU and CUDA share them: `device` is kCpu, or the CUDA device that all tensors must be
+// on.
 #pragma once
 
 #include <utility>
@@ -7,7 +8,8 @@
 
 namespace bigtri {
 
-// Positions [V, 4] are one view, and its outputs have no dimension for views. Returns the number of views.
+// Checks all tensors and returns the number of views. Positions [V, 4] are one view; its outputs then have no dimension
+// for views.
 inline int32_t checked_views(int device, const Tensor& positions, const Tensor& triangles, int64_t height,
                              int64_t width, const Tensor& packed, const std::optional<Tensor>& depth,
                              const Tensor& dropped) {
@@ -39,7 +41,7 @@ inline int32_t checked_views(int device, const Tensor& positions, const Tensor& 
   return positions.dim() == 2 ? 1 : (int32_t)positions.size(0);
 }
 
-// Arguments that the schema has and nothing serves yet; docs/numerics.md 1 says what they will mean.
+// Arguments that are part of the schema, but that no variant serves yet. docs/numerics.md 1 defines them.
 inline void check_unserved(int64_t samples, const std::optional<Tensor>& ranges, const std::optional<Tensor>& behind) {
   BIGTRI_CHECK(samples == 1, "bigtri::rasterize: samples must be 1, the only number of samples a pixel so far, got ",
                samples);

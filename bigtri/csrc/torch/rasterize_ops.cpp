@@ -1,4 +1,5 @@
-// torch.ops.bigtri.rasterize on the CPU, the instruction-set switch, and the schemas of all operators, which `_cuda` too serves.
+// torch.ops.bigtri.rasterize on the CPU, the choice of the instruction set, and the schemas of all operators. The
+// library `_cuda` adds kernels to these schemas.
 
 #include "rasterize_checks.h"
 #include "registry.h"
@@ -63,7 +64,7 @@ void set_isa(std::string name) {
 
 STABLE_TORCH_LIBRARY(bigtri, m) {
   m.def(
-      // Nothing here is keyword-only: torch takes 0.2 us to find each argument by name.
+      // No argument is keyword-only: torch takes 0.2 us to look one up by its name.
       "rasterize(Tensor positions, Tensor triangles, int height, int width, str cull, int[] scissor, str variant, "
       "str precision, int samples, int[] parameters, Tensor? ranges, Tensor? behind, Tensor(a!) packed, "
       "Tensor(b!)? depth, Tensor(c!) dropped, Tensor(d!)? counters) -> ()");
@@ -72,7 +73,7 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
   m.def("set_isa(str name) -> ()");
   m.def("variants(str precision) -> str");
   m.def("counters() -> str");
-  // The stages, as in docs/architecture.md.
+  // The stages one by one; docs/architecture.md has their inputs and outputs.
   m.def(
       "setup(Tensor positions, Tensor triangles, int height, int width, *, str cull, int[] scissor, str precision) -> "
       "(Tensor triangle, Tensor xy, Tensor z, "
@@ -84,7 +85,7 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
   m.def("scanline(Tensor xy, Tensor bbox, Tensor queue, Tensor touched, Tensor small, *, str precision) -> Tensor");
   m.def("depth(Tensor xy, Tensor z, Tensor area, Tensor spans, *, str precision) -> Tensor");
   m.def("visibility(Tensor triangle, Tensor spans, Tensor depth, *, Tensor(a!) out) -> ()");
-  // What reads a visibility buffer.
+  // The attribute pass.
   m.def(
       "interpolate(Tensor packed, Tensor positions, Tensor triangles, Tensor attributes, *, str precision, Tensor(a!) "
       "out) -> ()");

@@ -1,4 +1,5 @@
-// Rungs and variants by name, what they say of themselves as text, and their parameters checked; the same for CPU and GPU.
+// Looks up rungs and variants by name, checks their parameters, and describes them as text for Python. CPU and CUDA
+// share it; V and R are their types of variants and rungs.
 #pragma once
 
 #include "../core/registry.h"
@@ -6,7 +7,8 @@
 
 namespace bigtri {
 
-// A line for each variant and below it one for each of its parameters, fields separated by tabs; bigtri/native.py reads it.
+// One line for each variant, followed by one for each of its parameters. Fields are separated by tabs; bigtri/native.py
+// parses them. `variants` ends with a null pointer.
 template <class V>
 std::string registry_text(const V* const* variants) {
   std::string text;
@@ -38,7 +40,7 @@ std::string rung_names(const R* rungs) {
   return names;
 }
 
-// rungs ends with a null name.
+// The array `rungs` ends with a rung whose name is null.
 template <class R>
 const R& find_rung(const char* op, const R* rungs, const std::string& precision) {
   const R* r = rungs;
@@ -47,7 +49,7 @@ const R& find_rung(const char* op, const R* rungs, const std::string& precision)
   return *r;
 }
 
-// where: completes the sentence for those who look for a variant that there is elsewhere, e.g. " on CUDA".
+// `where` goes into the error text after the names, e.g. " on CUDA": a variant may exist on another kind of device.
 template <class V>
 const V& find_variant(const char* op, const V* const* variants, const std::string& name, const std::string& precision,
                       const char* where) {
@@ -58,7 +60,7 @@ const V& find_variant(const char* op, const V* const* variants, const std::strin
   return **v;
 }
 
-// One value for each parameter; `given` has as many, or none for the standard ones.
+// Returns one value for each parameter of the variant. `given` has as many, or none, which means the standard values.
 template <class V>
 std::vector<int64_t> checked_parameters(const char* op, const V& variant, const std::vector<int64_t>& given) {
   const size_t count = (size_t)parameter_count(variant.parameters);

@@ -1,4 +1,5 @@
-// torch.ops.bigtri.<stage>: each stage by itself, on the layout of docs/architecture.md.
+// torch.ops.bigtri.<stage>: the stages one by one, for bigtri.stages and bigtri.verify. docs/architecture.md has their
+// inputs and outputs.
 
 #include <algorithm>
 
@@ -117,8 +118,8 @@ Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, co
   check(op, "touched", touched, ScalarType::Long, {queue.size(0)}, "int64 [Q]");
   check(op, "small", small, ScalarType::Int, {-1}, "int32 [M]");
   const int32_t *v = const_data<int32_t>(xy), *b = const_data<int32_t>(bbox);
-  std::vector<int32_t> spans,
-      some(4 * kMaxSize);  // the most that one call writes: 512 spans of a bin, or one per row of the image
+  // `some` holds the most that one call writes: 512 spans of a bin, or one for each row of the image.
+  std::vector<int32_t> spans, some(4 * kMaxSize);
   for (int64_t i = 0; i < queue.size(0); ++i) {
     const int32_t* entry = const_data<int32_t>(queue) + 3 * i;
     const int64_t n = rung.stages->scan_tiles(v + 6 * (int64_t)entry[0], b + 4 * (int64_t)entry[0], entry,
