@@ -19,7 +19,7 @@ from ..rendering.render import Buffers, render
 from ..scene import Scene
 from ..scene.camera import Camera
 from ..scene.plan import plan_for
-from . import demo_scene
+from ..study import courtyard
 
 Progress = Callable[[str], None]
 Timings = list[tuple[str, float, str]]  # (step, seconds, what came out)
@@ -44,7 +44,7 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     height, width = resolution
     progress("building the courtyard: meshes, textures, shadows")
-    scene, camera = demo_scene.courtyard(chosen), demo_scene.camera()
+    scene, camera = courtyard.courtyard(chosen), courtyard.camera()
 
     progress(f"{len(scene.triangles)} triangles, {len(scene.materials)} materials, {width}x{height}, backend {chosen}")
     progress(f"effects that the scene calls for: {plan_for(scene)}")

@@ -1,4 +1,19 @@
-"""The benchmark's scenes: triangles from a seed, the same on every machine.
+"""The benchmark's scenes: triangles from a seed.
+
+Real ones are meshes of the nature of models and scans (``bigtri.study.meshes``), seen by a perspective camera. The last bit of
+their vertices is what the machine's sine makes it.
+
+| name              | what it holds                                                             |
+|-------------------|---------------------------------------------------------------------------|
+| `R4k` to `R1M`    | a closed body of 4,000, 16,000, 100,000 or 1,000,000 triangles, seen whole |
+| `R16k-close`      | from so near that it fills the picture                                    |
+| `R16k-far`        | from ten times as far                                                     |
+| `R100k-shuffled`, `R1M-shuffled` | the same triangles in random order                         |
+| `Rcourtyard`      | the demo's courtyard: huge and tiny triangles, some across the near plane |
+| `Rterrain`        | hills of 100,000 triangles, seen along the ground                         |
+| `Rroom`           | a furnished room, seen from inside                                        |
+
+The others are the same on every machine, and each holds one kind of triangle:
 
 | name      | what it holds                                                                     |
 |-----------|-----------------------------------------------------------------------------------|
@@ -12,12 +27,12 @@
 | `S6-200k` | small mesh for CPUs: 200,000 triangles of about 20 px                              |
 | `S7`      | mixed: S2, then S6                                                                 |
 
-Scenes are made in pixel space, x to the right and y **down**, pixel (row i, column j) centred at (j + 0.5, i + 0.5), z in (0,
+They are made in pixel space, x to the right and y **down**, pixel (row i, column j) centred at (j + 0.5, i + 0.5), z in (0,
 1) with the smaller z nearer and affine over the screen. x and y are `(k + 1/4) / 256` for an integer k: a quarter of a
 sub-pixel away from the nearest tie, so that every rasterizer with a grid of 1/16 or 1/256 px snaps them the same way. `(b-a) x
 (c-a)` is positive, which with y down means clockwise on the screen, back-facing: draw them with `cull="none"`.
 
-`make` converts to clip space (docs/numerics.md, section 1) in float64 and rounds once to float32. That error stays below a
+`make` converts them to clip space (docs/numerics.md, section 1) in float64 and rounds once to float32. That error stays below a
 quarter of a sub-pixel up to 7680 px a side, so the snapped vertices are the intended ones; above that, the far vertices of S4
 may land one sub-pixel away.
 """
@@ -25,8 +40,8 @@ may land one sub-pixel away.
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +60,7 @@ MAX_LAYERS = 10_000  # of small_mesh: more is for screens of a few px, and takes
 class Triangles(NamedTuple):
     """Triangles in clip space; unpacks as `positions, triangles = make(...)`."""
 
-    positions: NDArray[np.float32]  # [V, 4] x, y, z, w (OpenGL clip space, w = 1)
+    positions: NDArray[np.float32]  # [V, 4] x, y, z, w (OpenGL clip space)
     triangles: NDArray[np.int32]  # [T, 3] indices into positions
 
 
@@ -63,19 +78,35 @@ def make(name: str, width: int, height: int, seed: int = SEED) -> Triangles:
         TypeError: a size or a seed that is no integer.
         ValueError: no such scene, a size outside of 1 to 16384 px or too small for the scene, or a negative seed.
     """
+    recipe = checked(name, SCENES, width, height, seed)
+    if isinstance(recipe, Seen):
+        from . import meshes  # only now: names and titles are there without torch
+
+        mesh = meshes.MESHES[recipe.mesh](recipe.size, seed)
+        if recipe.shuffled:
+            mesh = meshes.shuffled(mesh, seed)
+        camera = meshes.CAMERAS[recipe.camera](mesh, width / height)
+        return Triangles(camera.transform(mesh.vertices, width / height), mesh.triangles)
     return to_clip(pixel_mesh(name, width, height, seed), width, height)
 
 
 def pixels(name: str, width: int, height: int, seed: int = SEED) -> NDArray[np.float32]:
-    """The same triangles in pixel space: float32 [T, 3, 3], x and y in px (y down), z in (0, 1)."""
+    """The same triangles, of a scene that is made in pixel space: float32 [T, 3, 3], x and y in px (y down), z in (0, 1)."""
     mesh = pixel_mesh(name, width, height, seed)
     return np.ascontiguousarray(mesh.vertices.astype(np.float32)[mesh.triangles])
 
 
 def pixel_mesh(name: str, width: int, height: int, seed: int = SEED) -> Mesh:
-    """The same triangles as an indexed mesh in pixel space, before rounding to float32."""
-    if name not in SCENES:
-        raise ValueError(f"bigtri.study.scenes: name must be one of {', '.join(SCENES)}, got {name!r}")
+    """The same triangles, of a scene that is made in pixel space: an indexed mesh there, before rounding to float32."""
+    recipe = checked(name, DRAWN, width, height, seed)
+    # Above 2000 px a scene is another draw, not a magnified one: sizes in px mean the same at every resolution.
+    return recipe.build(width, height, seed + (width > 2000))
+
+
+def checked(name: str, recipes: Mapping[str, RecipeT], width: int, height: int, seed: int) -> RecipeT:
+    """The recipe of that name, where all arguments are allowed; errors as ``make`` says."""
+    if name not in recipes:
+        raise ValueError(f"bigtri.study.scenes: name must be one of {', '.join(recipes)}, got {name!r}")
     for argument, value, low, high in (("width", width, 1, MAX_SIZE), ("height", height, 1, MAX_SIZE), ("seed", seed, 0, None)):
         allowed = f"an integer of at least {low}" if high is None else f"an integer from {low} to {high}"
         try:
@@ -84,8 +115,7 @@ def pixel_mesh(name: str, width: int, height: int, seed: int = SEED) -> Mesh:
             raise TypeError(f"bigtri.study.scenes: {argument} must be {allowed}, got {value!r}") from None
         if number < low or (high is not None and number > high):
             raise ValueError(f"bigtri.study.scenes: {argument} must be {allowed}, got {value!r}")
-    # Above 2000 px a scene is another draw, not a magnified one: sizes in px mean the same at every resolution.
-    return SCENES[name].build(width, height, seed + (width > 2000))
+    return recipes[name]
 
 
 def to_clip(mesh: Mesh, width: int, height: int) -> Triangles:
@@ -270,19 +300,49 @@ def joined(first: Mesh, second: Mesh) -> Mesh:
     return Mesh(np.concatenate([first.vertices, second.vertices]), np.concatenate([first.triangles, shifted]))
 
 
-class Recipe(NamedTuple):
+class Drawn(NamedTuple):
+    """A scene that is made in pixel space."""
+
     title: str
     build: Callable[[int, int, int], Mesh]  # width px, height px, seed
 
 
-SCENES: dict[str, Recipe] = {
-    "S1": Recipe("8 large triangles", lambda w, h, seed: large(8, w, h, seed + 10)),
-    "S2": Recipe("64 large triangles", lambda w, h, seed: large(64, w, h, seed + 20)),
-    "S3": Recipe("32 very large triangles", lambda w, h, seed: very_large(32, w, h, seed + 30)),
-    "S4f": Recipe("200 full-screen triangles, front to back", lambda w, h, seed: full_screen(200, w, h, seed + 40, False)),
-    "S4b": Recipe("200 full-screen triangles, back to front", lambda w, h, seed: full_screen(200, w, h, seed + 40, True)),
-    "S5": Recipe("1000 slivers", lambda w, h, seed: slivers(1000, w, h, seed + 50)),
-    "S6": Recipe("1M small triangles", lambda w, h, seed: small_mesh(1_000_000, w, h, seed + 60)),
-    "S6-200k": Recipe("200k small triangles", lambda w, h, seed: small_mesh(200_000, w, h, seed + 60, MESH_CELL_200K)),
-    "S7": Recipe("S2 and S6", lambda w, h, seed: joined(large(64, w, h, seed + 20), small_mesh(1_000_000, w, h, seed + 60))),
+class Seen(NamedTuple):
+    """A mesh before a camera: names in ``bigtri.study.meshes``."""
+
+    title: str
+    mesh: str
+    size: int  # of the mesh, in its own unit
+    camera: str
+    shuffled: bool = False  # whether its triangles come in random order
+
+
+RecipeT = TypeVar("RecipeT", Drawn, Seen, Drawn | Seen)
+
+REAL: dict[str, Seen] = {
+    "R4k": Seen("a body of 4k triangles", "body", 30, "whole"),
+    "R16k": Seen("a body of 16k triangles", "body", 59, "whole"),
+    "R16k-close": Seen("the same from near", "body", 59, "close"),
+    "R16k-far": Seen("the same from far away", "body", 59, "far"),
+    "R100k": Seen("a body of 100k triangles", "body", 148, "whole"),
+    "R100k-shuffled": Seen("the same in random order", "body", 148, "whole", shuffled=True),
+    "R1M": Seen("a body of 1M triangles", "body", 468, "whole"),
+    "R1M-shuffled": Seen("the same in random order", "body", 468, "whole", shuffled=True),
+    "Rcourtyard": Seen("the demo's courtyard", "courtyard", 1, "courtyard"),
+    "Rterrain": Seen("100k triangles of hills along the ground", "terrain", 224, "along the ground"),
+    "Rroom": Seen("a room from inside", "room", 40, "inside"),
 }
+
+DRAWN: dict[str, Drawn] = {
+    "S1": Drawn("8 large triangles", lambda w, h, seed: large(8, w, h, seed + 10)),
+    "S2": Drawn("64 large triangles", lambda w, h, seed: large(64, w, h, seed + 20)),
+    "S3": Drawn("32 very large triangles", lambda w, h, seed: very_large(32, w, h, seed + 30)),
+    "S4f": Drawn("200 full-screen triangles, front to back", lambda w, h, seed: full_screen(200, w, h, seed + 40, False)),
+    "S4b": Drawn("200 full-screen triangles, back to front", lambda w, h, seed: full_screen(200, w, h, seed + 40, True)),
+    "S5": Drawn("1000 slivers", lambda w, h, seed: slivers(1000, w, h, seed + 50)),
+    "S6": Drawn("1M small triangles", lambda w, h, seed: small_mesh(1_000_000, w, h, seed + 60)),
+    "S6-200k": Drawn("200k small triangles", lambda w, h, seed: small_mesh(200_000, w, h, seed + 60, MESH_CELL_200K)),
+    "S7": Drawn("S2 and S6", lambda w, h, seed: joined(large(64, w, h, seed + 20), small_mesh(1_000_000, w, h, seed + 60))),
+}
+
+SCENES: dict[str, Drawn | Seen] = {**REAL, **DRAWN}

@@ -6,7 +6,9 @@ import hashlib
 
 import numpy as np
 import pytest
+from exhaustive import some_of
 
+import bigtri
 from bigtri.study import scenes
 
 SIZES = [(1920, 1080), (3840, 2160)]  # width, height, px
@@ -108,8 +110,10 @@ def test_16k() -> None:
 
 
 def test_errors() -> None:
-    with pytest.raises(ValueError, match="name must be one of S1, .*got 'S9'"):
+    with pytest.raises(ValueError, match="name must be one of R4k, .*S7, got 'S9'"):
         scenes.make("S9", 64, 64)
+    with pytest.raises(ValueError, match="name must be one of S1, .*S7, got 'R4k'"):
+        scenes.pixels("R4k", 64, 64)
     for size in ((0, 64), (64, 16385)):
         with pytest.raises(ValueError, match="must be an integer from 1 to 16384"):
             scenes.make("S3", *size)
@@ -117,6 +121,47 @@ def test_errors() -> None:
         scenes.make("S3", 64, 64, -1)
     with pytest.raises(TypeError, match="width must be an integer .*got 64.0"):
         scenes.make("S3", 64.0, 64)
+
+
+REAL_COUNTS = {
+    **{"R4k": 4072, "R16k": 15860, "R16k-close": 15860, "R16k-far": 15860, "R100k": 100124, "R100k-shuffled": 100124},
+    **{"R1M": 1001992, "R1M-shuffled": 1001992, "Rcourtyard": 11542, "Rterrain": 100352, "Rroom": 37412},
+}
+
+
+@pytest.mark.parametrize("name", some_of([n for n in REAL_COUNTS if "1M" not in n], list(REAL_COUNTS)))
+def test_real_scenes(name: str) -> None:
+    """What each is for is in the picture: all of it, a part, huge and tiny triangles, some across the near plane."""
+    scene = scenes.make(name, 320, 180)
+    assert scene.positions.dtype == np.float32 and scene.triangles.dtype == np.int32 and np.isfinite(scene.positions).all()
+    # Marching cubes looks at the sign of a sum of sines, whose last bit the machine decides.
+    assert len(scene.triangles) == pytest.approx(REAL_COUNTS[name], rel=1e-3)
+    seen = bigtri.rasterize(scene.positions, scene.triangles, (180, 320))
+    assert seen.dropped == 0
+    covered = seen.triangle >= 0
+    border = np.concatenate([covered[0], covered[-1], covered[:, 0], covered[:, -1]])
+    share = covered.mean()
+    in_front = (scene.positions[:, 2] + scene.positions[:, 3] > 0)[scene.triangles]
+    crossing = in_front.any(axis=1) & ~in_front.all(axis=1)
+    if name in ("Rcourtyard", "Rterrain", "Rroom"):
+        assert share > 0.3 and border.any() and (crossing.any() or name == "Rterrain")
+    else:
+        assert not crossing.any() and border.any() == (name == "R16k-close")
+        assert {"R16k-close": 0.4, "R16k-far": 0.0005}.get(name, 0.08) < share < {"R16k-far": 0.01}.get(name, 0.9)
+    if name.endswith("-shuffled"):
+        ordered = scenes.make(name.removesuffix("-shuffled"), 320, 180)
+        assert not np.array_equal(ordered.triangles, scene.triangles)
+        assert np.array_equal(
+            np.sort(ordered.triangles.view("i4,i4,i4"), axis=0), np.sort(scene.triangles.view("i4,i4,i4"), axis=0)
+        )
+
+
+def test_a_body_is_closed_and_follows_its_seed() -> None:
+    scene = scenes.make("R4k", 64, 64)
+    edges = scene.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    assert np.array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
+    assert np.array_equal(scene.positions, scenes.make("R4k", 64, 64).positions)
+    assert len(scenes.make("R4k", 64, 64, seed=7).triangles) != len(scene.triangles)
 
 
 @pytest.mark.parametrize("name", ["S1", "S5", "S6", "S6-200k", "S7"])
