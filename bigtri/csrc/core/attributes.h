@@ -1,4 +1,5 @@
-// Barycentrics and interpolation; docs/numerics.md 9. Mirrors bigtri/reference/attributes.py.
+// Barycentrics and interpolation of attributes; docs/numerics.md 9. The attribute pass uses them at each pixel, with
+// the record that resolve found. Mirrors bigtri/reference/attributes.py.
 #pragma once
 
 #include "resolve.h"
@@ -6,12 +7,13 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// e_k at the centre of pixel (x, y), as float64: exact, since |e| < 2^50.
+// e_k at the centre of pixel (x, y), unbiased. float64 holds it exactly, since |e| < 2^49 (edge_value).
 BIGTRI_HD double edge_at(const Primitive& p, int k, int32_t x, int32_t y) {
   return (double)edge_value(edge_of(p.x, p.y, k), pixel_centre(x), pixel_centre(y));
 }
 
-// From e_k to the weights of the record's vertices (not clipped) or of the slots (clipped), in that order, not yet rounded to float32. D is double or a vector of doubles.
+// Barycentrics b from the edge values e, not yet rounded to float32. They are the weights of the record's vertices if
+// the parent is not clipped, else of the slots, in that order. D is double or a vector of doubles.
 template <int kRecords, class D>
 BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const D e[3], D b[3]) {
   const double area = (double)parent.primitive[record].area;
@@ -27,6 +29,7 @@ BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const 
   for (int m = 0; m < 3; ++m) b[m] = b[m] / sum;
 }
 
+// One attribute channel, in float32. a0, a1, a2: its values at the corners that b belongs to (corner_of).
 template <class F>
 BIGTRI_HD F interpolate(const F b[3], float a0, float a1, float a2) {
   return (b[0] * a0 + b[1] * a1) + b[2] * a2;

@@ -1,4 +1,5 @@
-// Which 64x64 px bins a record touches; docs/numerics.md 4. Mirrors bigtri/reference/binning.py.
+// Which 64x64 px bins a large record goes to; docs/numerics.md 4. Binning follows setup, and its entries go to the tile
+// masks. Mirrors bigtri/reference/binning.py.
 #pragma once
 
 #include "numerics.h"
@@ -6,34 +7,37 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
+// Whether a bbox (px, half-open) has more than threshold pixels.
 BIGTRI_HD bool is_large(int x0, int y0, int x1, int y1, int64_t threshold) {
   return (int64_t)(x1 - x0) * (y1 - y0) > threshold;
 }
 
-// The bins that a record or primitive touches by its bbox, row by row.
+// The candidates of a record or primitive: the bins that its bbox touches, numbered row by row.
 struct BinBox {
-  int x, y;  // the first one
-  int columns, count;
+  int x, y;  // column and row of the first bin
+  int columns, count;  // bins in a row, and in all
 };
 
+// Boxed is a Record or a Primitive.
 template <class Boxed>
 BIGTRI_HD BinBox bin_box(const Boxed& r) {
   const int x = r.x0 / kBin, y = r.y0 / kBin, columns = (r.x1 - 1) / kBin - x + 1;
   return {x, y, columns, columns * ((r.y1 - 1) / kBin - y + 1)};
 }
 
-// Bins of an image across and down.
+// Number of bins across and down an image.
 BIGTRI_HD int bin_columns(const Viewport& v) { return (v.width + kBin - 1) / kBin; }
 BIGTRI_HD int bin_rows(const Viewport& v) { return (v.height + kBin - 1) / kBin; }
 
-// f of one edge over a bin: the value at the first pixel centre, its steps, and its extremes over the bin's centres. int64, before any narrowing:
-// far from the edge the value can exceed 2^31 hundreds of times.
+// f of one edge over a bin, before it is narrowed. It needs int64: |e| < 2^49 gives |f| <= 2^41, so that far from the
+// edge |f| can exceed 2^31 hundreds of times.
 struct BinEdge {
-  int32_t sx, sy;
-  int64_t f, lowest, highest;
+  int32_t sx, sy;  // change of f per px in x and in y; below 2^24 in magnitude
+  int64_t f, lowest, highest;  // f at the bin's first pixel centre, and its extremes over all 64x64
 };
 
-// The extremes of a linear function over a square of centres that starts at value f. At most 63 * (2^24 + 2^24) are added: below 2^31.
+// The extremes of f over a square of (last + 1)^2 pixel centres, from its value at the first one. last is at most 63,
+// so the number added is at most 63 * (2^24 + 2^24) = 63/64 * 2^31 in magnitude, and fits int32.
 BIGTRI_HD int64_t lowest_of(int64_t f, int32_t sx, int32_t sy, int last) {
   return f + last * (min_of(sx, 0) + min_of(sy, 0));
 }
@@ -41,7 +45,7 @@ BIGTRI_HD int64_t highest_of(int64_t f, int32_t sx, int32_t sy, int last) {
   return f + last * (max_of(sx, 0) + max_of(sy, 0));
 }
 
-// The same over last_x + 1 by last_y + 1 centres; F is int32 where that holds f.
+// The same over last_x + 1 by last_y + 1 centres. F is int32_t if f fits that, else int64_t.
 template <class F>
 BIGTRI_HD F lowest_of(F f, int32_t sx, int32_t sy, int last_x, int last_y) {
   return f + (last_x * min_of(sx, 0) + last_y * min_of(sy, 0));
@@ -51,6 +55,7 @@ BIGTRI_HD F highest_of(F f, int32_t sx, int32_t sy, int last_x, int last_y) {
   return f + (last_x * max_of(sx, 0) + last_y * max_of(sy, 0));
 }
 
+// bin_x, bin_y: the bin's column and row.
 BIGTRI_HD BinEdge bin_edge(const Edge& e, int bin_x, int bin_y, SamplePoint at = kCentre) {
   BinEdge b;
   b.f = edge_steps(e, bin_x * kBin, bin_y * kBin, at);
@@ -61,8 +66,10 @@ BIGTRI_HD BinEdge bin_edge(const Edge& e, int bin_x, int bin_y, SamplePoint at =
   return b;
 }
 
-// int32 edge inside a bin that the edge does not reject. Constant where the whole bin is inside, so what remains crosses the bin: its extremes over the 64x64
-// centres have both signs, so neither is farther from 0 than they are from each other, |f| <= 63 * (|sx| + |sy|) <= 63 * 2^25 = 63/64 * 2^31.
+// f of one edge inside a bin that the edge does not reject, in int32. An edge that has the whole bin inside becomes the
+// constant 0. Any other edge crosses the bin: highest >= 0 and lowest < 0. Extremes of both signs are no farther from 0
+// than from each other, so at each of the 64x64 centres |f| <= highest - lowest = 63 * (|sx| + |sy|) <= 63 * 2^25
+// = 63/64 * 2^31.
 struct NarrowEdge {
   int32_t f, sx, sy;
 };

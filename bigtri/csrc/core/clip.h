@@ -1,4 +1,5 @@
-// Homogeneous clipping in float64; docs/numerics.md 2.1. Mirrors bigtri/reference/clip.py.
+// Homogeneous Sutherland-Hodgman clipping in float64; docs/numerics.md 2.1. Setup clips a triangle that has vertices
+// inside and outside of a plane, and turns the polygon into a fan of records. Mirrors bigtri/reference/clip.py.
 #pragma once
 
 #include "exact.h"
@@ -9,17 +10,20 @@ inline namespace BIGTRI_NAMESPACE {
 
 constexpr int kPlanes = 6;  // near, X-, X+, Y-, Y+, depth
 constexpr int kNear = 0;
-// A convex polygon gains at most one vertex per plane. Rounding can leave one that is not quite convex: with r runs of vertices outside, n - r are kept at most
-// and 2r are new, so n grows to 3n/2 at most: 3, 4, 6, 9, 13, 19, 28.
+// Most vertices that a polygon can have. A convex polygon gains at most one vertex per plane, but rounding can leave
+// one that is not quite convex. If r runs of its n vertices are outside, at most n - r vertices are kept, and 2r are
+// new. Runs are separated, so r <= n/2, and n becomes at most 3n/2 at each plane: 3, 4, 6, 9, 13, 19, 28.
 constexpr int kMaxPolygon = 28;
 constexpr int kMaxSubTriangles = kMaxPolygon - 2;
 
-// d = a * v[p] + b * v[q]; inside where d >= 0.
+// Distance d = a * v[p] + b * v[q], where p and q are components (x, y, z, w = 0 .. 3). A vertex is inside where d >=
+// 0.
 struct Plane {
   int p, q;
   double a, b;
 };
 
+// Plane k of the table in numerics.md 2.1, for an image of width by height px.
 BIGTRI_HD Plane clip_plane(int k, int width, int height) {
   const double w = (double)kHalf * width, h = (double)kHalf * height, low = kGuard, high = kGuard - 1;
   switch (k) {
@@ -37,20 +41,25 @@ BIGTRI_HD double plane_distance(const Plane& plane, const T v[4]) {
   return plane.a * (double)v[plane.p] + plane.b * (double)v[plane.q];
 }
 
+// A polygon vertex. The slots are the vertices of the triangle to be clipped, the lexicographically smallest one first.
 struct ClipVertex {
-  double position[4];
-  double weights[3];  // homogeneous, over the slots
-  uint32_t edges;     // bit j: lies on original edge j (slot j to slot j + 1)
-  uint32_t made;      // bit k: made by plane k
+  double position[4];  // clip space: x, y, z, w
+  double weights[3];   // homogeneous, over the slots, not normalised
+  uint32_t edges;      // bit j: lies on original edge j, from slot j to slot (j + 1) mod 3
+  uint32_t made;       // bit k: made by plane k; 0 for a slot
 };
 
-// 2^-k, k the exponent of v with a mantissa in [0.5, 1); v is positive and normal (a sum of float32 products).
+// 2^-k, where v = mantissa * 2^k with the mantissa in [0.5, 1). v has to be positive and normal. It is the sum of two
+// distances, which float32 inputs keep far above float64's subnormal range.
 BIGTRI_HD double reciprocal_scale(double v) {
   const int64_t k = (int64_t)((double_bits(v) >> 52) & 0x7ff) - 1022;
   return bits_double((uint64_t)(1023 - k) << 52);
 }
 
-// a * (v * u_p - v_p * u) + b * (v * u_q - v_q * u): the products are rounded (of float32 components they are exact), their sum is exact, and rounded once.
+// Component i of n in numerics.md 2.1, where u is P and v is Q:
+//   a * (v_i * u_p - v_p * u_i) + b * (v_i * u_q - v_q * u_i)
+// The four products of components are rounded; those of float32 components are exact in float64. The rest is the exact
+// sum, rounded once.
 BIGTRI_HD double meet(const Plane& plane, const double u[4], const double v[4], int i) {
   double across[4], terms[8];
   two_sum(v[i] * u[plane.p], -(v[plane.p] * u[i]), &across[0], &across[1]);
@@ -59,8 +68,9 @@ BIGTRI_HD double meet(const Plane& plane, const double u[4], const double v[4], 
   return rounded_sum<8>(terms);
 }
 
-// The vertex where the plane cuts the polygon edge from a to b, which it separates: |dq| * p + |dp| * q with the distances written out, a sum that may cancel completely.
-// Symmetric in p and q, bit for bit.
+// The vertex where a plane cuts the polygon edge from a to b, whose ends it separates. The position is |dq| * p + |dp|
+// * q with the distances dp and dq written out, since the terms may cancel completely. It is symmetric in p and q, bit
+// for bit.
 BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVertex slots[3], const ClipVertex& a,
                               const ClipVertex& b) {
   ClipVertex n;
@@ -69,8 +79,9 @@ BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVer
   const ClipVertex *p = &a, *q = &b;
   double dp = plane_distance(plane, p->position), dq = plane_distance(plane, q->position);
   if (n.edges) {
-    // On an original edge: from its end points, never from a piece, so that two triangles that share it get the same vertex. Rounding of an earlier cut can
-    // leave a and b on different sides while the original edge is on one; then the piece has to do.
+    // The new vertex lies on an original edge. It is computed from the ends of that edge, not from the piece between a
+    // and b, so that two triangles that share the edge get the same vertex. Rounding of an earlier cut can leave a and
+    // b on different sides while both ends are on the same side. Only then is the piece used.
     const int j = (n.edges & 1) ? 0 : (n.edges & 2) ? 1 : 2;
     const ClipVertex *begin = &slots[j], *end = &slots[j == 2 ? 0 : j + 1];
     const double db = plane_distance(plane, begin->position), de = plane_distance(plane, end->position);
@@ -92,7 +103,7 @@ BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVer
   return n;
 }
 
-// First corner, so that the lexicographically smallest vertex becomes slot 0.
+// The corner that becomes slot 0: the lexicographically smallest (x, y, z, w), the first one on a tie.
 BIGTRI_HD int first_slot(const float v[3][4]) {
   int best = 0;
   for (int k = 1; k < 3; ++k)
@@ -104,7 +115,9 @@ BIGTRI_HD int first_slot(const float v[3][4]) {
   return best;
 }
 
-// Slot k, k = 0 .. 2, of a triangle whose corner `first` is slot 0. Corners by choice, not by index: a GPU keeps what is indexed with a number it cannot know in slow memory.
+// Slot k, k = 0 .. 2, of a triangle whose corner `first` is slot 0. It lies on the original edges k and (k + 2) mod 3.
+// The corner is selected by comparisons: a GPU would put an array with an index unknown at compile time in local
+// memory, which is slow.
 BIGTRI_HD ClipVertex make_slot(const float v[3][4], int first, int k) {
   const int corner = first + k > 2 ? first + k - 3 : first + k;
   ClipVertex slot;
@@ -115,8 +128,9 @@ BIGTRI_HD ClipVertex make_slot(const float v[3][4], int first, int k) {
   return slot;
 }
 
-// Clips a triangle that no plane rejects outright. outside: the planes that at least one vertex is outside of. Returns the number of vertices
-// in polygon, 0 if nothing is left. first: the corner that became slot 0.
+// Clips a triangle that no plane rejects. outside: the planes (bit k) that at least one vertex is outside of; the
+// others are skipped. Returns the number of vertices written to polygon, 0 if nothing is left to draw. first: the
+// corner that became slot 0.
 BIGTRI_HD int clip_triangle(const float v[3][4], uint32_t outside, int width, int height,
                             ClipVertex polygon[kMaxPolygon], int* first) {
   *first = first_slot(v);

@@ -1,12 +1,13 @@
-// How much work a variant does. A file that counts is compiled a second time with BIGTRI_COUNTING defined; without it counting is an empty struct whose functions
-// do nothing, so it costs nothing. bigtri/reference/variants/<name>.py computes the same numbers.
+// How much work a variant does. A file that counts is compiled a second time with BIGTRI_COUNTING defined. In the first
+// build the counters are an empty struct whose functions do nothing (cpu/counting.h), so they cost nothing.
+// bigtri/reference/variants/<name>.py computes the same numbers.
 #pragma once
 
 #include "platform.h"
 
 namespace bigtri {
 
-// name, what is counted
+// X(name, what is counted)
 #define BIGTRI_COUNTERS(X)                                                   \
   X(records, "(sub)triangles that may cover a pixel")                        \
   X(candidates, "pairs of a record and a bin that its bounding box touches") \

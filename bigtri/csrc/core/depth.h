@@ -1,4 +1,6 @@
-// Window depth of a pixel; docs/numerics.md 7. Mirrors bigtri/reference/depth.py.
+// Window depth of a pixel, from the record's plane over a 64x64 px cell; docs/numerics.md 7. Depth is computed for the
+// pixels of spans, and visibility keeps the nearest. Bounds for hidden-surface rejection use the same arithmetic.
+// Mirrors bigtri/reference/depth.py.
 #pragma once
 
 #include "numerics.h"
@@ -7,13 +9,15 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// D is double, or a vector of doubles: the CPU's inner loops and the per-pixel stages share the formula.
+// ((g0*z0 + g1*z1) + g2*z2) / area: gives the plane's gradients and anchor, and the depth of a thin record's pixel. D
+// is double, or a vector of doubles in the CPU's inner loops.
 template <class D, class G, class Z, class Area>
 BIGTRI_HD D weighted_depth(G g0, G g1, G g2, Z z0, Z z1, Z z2, const Area& area) {
   return quotient((g0 * z0 + g1 * z1) + g2 * z2, area);
 }
 
-// The plane at pixel (i, j) of the cell is plane_row + plane_column; bins keep both in tables.
+// The plane at pixel (i, j) of the cell, counted from its first pixel, is plane_row(j) + plane_column(i). Bins keep
+// both in tables.
 template <class D>
 BIGTRI_HD D plane_row(double zcell, double dzdy, D j) {
   return zcell + dzdy * j;
@@ -23,12 +27,13 @@ BIGTRI_HD D plane_column(double dzdx, D i) {
   return dzdx * i;
 }
 
-// float32, within the triangle's own range, never -0.
+// z in float32, clamped to the record's own range, and never -0.
 BIGTRI_HD float finish_depth(double z, float zmin, float zmax) {
   const float f = (float)z;
 #if defined(__CUDA_ARCH__)
-  return fminf(fmaxf(f, zmin), zmax) +
-         0.0f;  // an instruction each; they may differ in the sign of a zero, which the addition takes away
+  // fminf and fmaxf are one instruction each. Of zeros with different signs they may choose the other one; adding +0.0f
+  // makes +0 of both.
+  return fminf(fmaxf(f, zmin), zmax) + 0.0f;
 #else
   return min_of(max_of(f, zmin), zmax) + 0.0f;
 #endif
@@ -36,15 +41,17 @@ BIGTRI_HD float finish_depth(double z, float zmin, float zmax) {
 
 // A record's depth plane over one cell.
 struct CellPlane {
-  double zcell, dzdx, dzdy;
+  double zcell, dzdx, dzdy;  // at the cell's first pixel centre, and the change per px
 };
 
-// The plane's nearest (farthest) value over the pixels from (i, j) to (i + last_x, j + last_y) of the cell: at a corner, with the pixels' own arithmetic, so exact.
+// The plane's nearest (farthest) value over the pixels from (i, j) to (i + last_x, j + last_y) of the cell. Rounding is
+// monotone, so the extreme lies at a corner. It is computed like the pixels themselves, so the bound needs no margin.
 BIGTRI_HD double corner_plane(const CellPlane& p, int i, int j, int last_x, int last_y, bool farthest) {
   const int x = (p.dzdx < 0) != farthest ? i + last_x : i, y = (p.dzdy < 0) != farthest ? j + last_y : j;
   return plane_row<double>(p.zcell, p.dzdy, exact_double(y)) + plane_column<double>(p.dzdx, exact_double(x));
 }
 
+// The same as a window depth.
 BIGTRI_HD float corner_depth(const CellPlane& p, float zmin, float zmax, int i, int j, int last_x, int last_y,
                              bool farthest) {
   return finish_depth(corner_plane(p, i, j, last_x, last_y, farthest), zmin, zmax);
@@ -52,8 +59,9 @@ BIGTRI_HD float corner_depth(const CellPlane& p, float zmin, float zmax, int i, 
 
 BIGTRI_HD int32_t absolute(int32_t v) { return v < 0 ? -v : v; }
 
+// Whether depth has to be computed without the plane, whose terms would cancel. area: twice the area, subpx^2.
 BIGTRI_HD bool is_thin(const int32_t x[3], const int32_t y[3], int64_t area) {
-  int32_t length = 0;  // below 2^28
+  int32_t length = 0;  // subpx; |dx| + |dy| < 2^25 for each edge, so it stays below 2^27
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(x, y, k);
     length += absolute(e.dx) + absolute(e.dy);
@@ -61,6 +69,7 @@ BIGTRI_HD bool is_thin(const int32_t x[3], const int32_t y[3], int64_t area) {
   return (int64_t)kSubpixel * length > kThinRatio * area;
 }
 
+// Change of window depth per px.
 struct DepthGradient {
   double dzdx, dzdy;
 };
@@ -77,7 +86,8 @@ BIGTRI_HD DepthGradient depth_gradient(const int32_t x[3], const int32_t y[3], c
           weighted_depth<double>(gy[0], gy[1], gy[2], z0, z1, z2, area)};
 }
 
-// Through the unbiased edge values at the centre of pixel (x, y): the plane's anchor for a cell, or the depth itself of a thin triangle.
+// From the unbiased edge values at the centre of pixel (x, y), before it is rounded to float32: the plane's anchor
+// zcell if the pixel is a cell's first, or the depth of a thin record's pixel. px, py: the record's vertices, subpx.
 BIGTRI_HD double depth_at(const int32_t px[3], const int32_t py[3], const float z[3], const Divisor& area, int32_t x,
                           int32_t y) {
   double g[3];

@@ -1,37 +1,37 @@
-// What there is to draw and where it goes, the same for CPU and GPU; docs/numerics.md 1 and 8.
+// The input and output of a draw call, the same for CPU and GPU; docs/numerics.md 1 and 8. The binding fills a Frame
+// and hands it to a variant. Mirrors the arguments and results of bigtri/reference/pipeline.py.
 #pragma once
 
 #include "platform.h"
 
 namespace bigtri {
 
-constexpr int kMaxSize = 16384;  // px
+constexpr int kMaxSize = 16384;  // px; limit of width and of height
 constexpr int kBinBits = 6;
-constexpr int kBin = 1 << kBinBits;  // px; int32 edge values are exact in a bin of 64, not of 128
-constexpr int kTile = 8;             // px
-constexpr int64_t kBackground = INT64_MAX;
+constexpr int kBin = 1 << kBinBits;         // px; f fits int32 in a bin of 64 px (binning.h), but not in one of 128
+constexpr int kTile = 8;                    // px
+constexpr int64_t kBackground = INT64_MAX;  // packed value of a pixel that no triangle covers
 
 enum Cull : int { kCullNone = 0, kCullBack = 1, kCullFront = 2 };
 
-// The image, the scissor cut to it (half-open, px), and which faces are left out.
 struct Viewport {
-  int width, height;
-  int x0, y0, x1, y1;
-  int cull;
+  int width, height;   // of the image, px
+  int x0, y0, x1, y1;  // the scissor, cut to the image; px, half-open
+  int cull;            // a Cull: which faces are not drawn
 };
 
-// Views of one mesh. On CUDA pointers are to device memory.
+// All views of one mesh. On CUDA the pointers are to device memory.
 struct Frame {
   const float* positions;    // [views, vertices, 4], clip space
-  const int32_t* triangles;  // [count, 3], shared by all views
-  int64_t vertices;          // of a view
+  const int32_t* triangles;  // [count, 3], vertex indices, shared by all views
+  int64_t vertices;          // per view
   int32_t count;             // triangles
   int32_t views;
   Viewport view;      // the same for every view
-  int64_t* packed;    // [views, height, width]
-  float* depth;       // [views, height, width] or null
-  int64_t* dropped;   // [views]
-  int64_t* counters;  // [kCounters], or null where nothing is counted (core/counters.h)
+  int64_t* packed;    // out: [views, height, width], the visibility buffer
+  float* depth;       // out: [views, height, width], window depth; or null
+  int64_t* dropped;   // out: [views], triangles dropped
+  int64_t* counters;  // out, added to: [kCounters]; null if nothing is counted (counters.h)
 };
 
 // One view of a frame, as a frame.

@@ -1,4 +1,6 @@
-// Constants and edge functions; docs/numerics.md 1 and 3. Mirrors bigtri/reference/numerics.py. What stands in the inline namespace is compiled once per rung.
+// Constants of the rung, edge functions and the fill rule; docs/numerics.md 1 and 3. Mirrors
+// bigtri/reference/numerics.py. All stages from setup to attributes use them. The inline namespace is compiled once per
+// rung.
 #pragma once
 
 #include "frame.h"
@@ -8,7 +10,8 @@
 #error "BIGTRI_RUNG must name a rung of core/precision.h"
 #endif
 
-// Files that count are compiled twice; what they compile to must not be merged either.
+// A file that counts is compiled a second time (counters.h). That build gets a namespace of its own, so that the linker
+// keeps both.
 #if defined(BIGTRI_COUNTING)
 #define BIGTRI_JOIN(A, B) A##B
 #define BIGTRI_EXPAND_AND_JOIN(A, B) BIGTRI_JOIN(A, B)
@@ -23,43 +26,46 @@ inline namespace BIGTRI_NAMESPACE {
 using Rung = rungs::BIGTRI_RUNG;
 
 constexpr int kSubpixelBits = Rung::kSubpixelBits;
-constexpr int kSubpixel = 1 << kSubpixelBits;  // 1 px in subpx
-constexpr int kHalf = kSubpixel / 2;  // half a pixel
-constexpr int kGuard = 1 << (15 + kSubpixelBits);  // X and Y lie in [-kGuard, kGuard - 1] subpx
-// Every bound below is for 8 bits and holds for fewer, which make all integers smaller.
+constexpr int kSubpixel = 1 << kSubpixelBits;  // subpx per px; s in numerics.md
+constexpr int kHalf = kSubpixel / 2;  // from a pixel's border to its centre, subpx; h in numerics.md
+constexpr int kGuard = 1 << (15 + kSubpixelBits);  // X and Y lie in [-kGuard, kGuard - 1] subpx; G in numerics.md
+// All bounds on integers in core/ are proved for 8 sub-pixel bits. Fewer bits only make the integers smaller.
 static_assert(kSubpixelBits <= 8, "more sub-pixel bits need wider integers");
-constexpr int64_t kLargeThreshold = 4000;  // px of bbox; not above: the direct path
-constexpr int64_t kThinRatio = 32;  // numerics.md 7
+constexpr int64_t kLargeThreshold = 4000;  // a record whose bbox has more px is large; numerics.md 4
+constexpr int64_t kThinRatio = 32;  // decides which records are thin; numerics.md 7
 
-// Where in its pixel a sample lies, subpx from the pixel's corner.
+// Where a sample lies in its pixel, subpx from the pixel's upper left corner.
 struct SamplePoint {
   int32_t x, y;
 };
 constexpr SamplePoint kCentre = {kHalf, kHalf};
 
-// One edge of a positively oriented triangle, from P along (dx, dy); subpx. Differences of coordinates in [-2^23, 2^23) fit 25 bits.
+// One edge of a triangle of positive area, from P along (dx, dy), subpx. Coordinates lie in [-2^23, 2^23), so
+// |dx|, |dy| < 2^24: 25 bits with the sign.
 struct Edge {
   int32_t px, py, dx, dy;
 };
 
-// Edge k of a record is opposite its vertex k.
+// Edge k is opposite vertex k: it runs from vertex k + 1 to vertex k + 2, mod 3.
 BIGTRI_HD Edge edge_of(const int32_t x[3], const int32_t y[3], int k) {
   const int p = k == 2 ? 0 : k + 1, q = p == 2 ? 0 : p + 1;
   return {x[p], y[p], x[q] - x[p], y[q] - y[p]};
 }
 
-// Products of two such differences: e fits 50 bits, int64 is exact.
+// e at (sx, sy), subpx^2. Samples lie in the guard band too, so both products are of differences below 2^24. Hence
+// |e| < 2 * 2^48 = 2^49: 50 bits with the sign.
 BIGTRI_HD int64_t edge_value(const Edge& e, int32_t sx, int32_t sy) {
   return (int64_t)e.dx * (sy - e.py) - (int64_t)e.dy * (sx - e.px);
 }
 
-// Top-left rule: 0 where the edge owns the samples on it, else -1.
-BIGTRI_HD int64_t edge_bias(const Edge& e) { return ((e.dy < 0) | ((e.dy == 0) & (e.dx > 0))) - 1; }  // no branches
+// Top-left rule: 0 if the edge owns the samples on it, else -1. | and & instead of || and && avoid branches.
+BIGTRI_HD int64_t edge_bias(const Edge& e) { return ((e.dy < 0) | ((e.dy == 0) & (e.dx > 0))) - 1; }
 
 // The centre of pixel p, subpx.
 BIGTRI_HD int32_t pixel_centre(int32_t p) { return p * kSubpixel + kHalf; }
 
-// f = floor((value + bias)/kSubpixel): at pixel centres covered where >= 0 for all three edges; changes by -dy and +dx per pixel.
+// f = floor((value + bias) / kSubpixel), since >> rounds down. A sample is covered where f >= 0 for all three edges.
+// From one pixel to the next, f changes by exactly -dy in x and +dx in y.
 BIGTRI_HD int64_t steps_of(int64_t value, const Edge& e) { return (value + edge_bias(e)) >> kSubpixelBits; }
 
 // f at the sample point of pixel (x, y).
@@ -67,12 +73,13 @@ BIGTRI_HD int64_t edge_steps(const Edge& e, int32_t x, int32_t y, SamplePoint at
   return steps_of(edge_value(e, x * kSubpixel + at.x, y * kSubpixel + at.y), e);
 }
 
-// Twice the signed area, subpx^2; > 0 is clockwise on the screen (y down).
+// Twice the signed area, subpx^2; > 0 is clockwise on the screen (y down). |area| < 2^49, as edge_value.
 BIGTRI_HD int64_t twice_area(const int32_t x[3], const int32_t y[3]) {
   return (int64_t)(x[1] - x[0]) * (y[2] - y[0]) - (int64_t)(y[1] - y[0]) * (x[2] - x[0]);
 }
 
-// Of a number from 0 on. A GPU adds faster than it converts: 2^52 + v is the bits of 2^52 with v in the lowest ones.
+// v as float64, for v >= 0. A GPU adds faster than it converts. Its version ORs v into the lowest bits of 2^52, which
+// makes 2^52 + v, and subtracts 2^52.
 BIGTRI_HD double exact_double(int v) {
 #if defined(__CUDA_ARCH__)
   return bits_double(0x4330000000000000ull | (uint32_t)v) - 4503599627370496.0;
@@ -81,13 +88,17 @@ BIGTRI_HD double exact_double(int v) {
 #endif
 }
 
-// What several numbers are divided by. A GPU divides in some thirty instructions, but in five by a number whose correctly rounded inverse is there: a quotient corrected twice by its exact
-// remainder is correctly rounded too (Markstein 1990, "Computation of elementary functions on the IBM RISC System/6000 processor", theorem 8.1 and what follows from it), where
-// nothing overflows or underflows, as floats and edge values cannot. A zero may have the other sign: no use of them here minds.
+// A divisor of several numbers. A GPU needs some thirty instructions for a division, but five if it has the divisor's
+// correctly rounded inverse: a quotient that is corrected twice by its exact remainder is correctly rounded (Markstein
+// 1990, "Computation of elementary functions on the IBM RISC System/6000 processor", theorem 8.1 and its consequences).
+// That holds where nothing overflows or underflows, which quotients of floats and edge values in float64 cannot do.
+//
+// A quotient of zero may get the other sign. No caller depends on it: snapping rounds to an integer, window_depth adds
+// 0.5, and finish_depth adds +0.0f.
 struct Divisor {
   double value;
 #if defined(__CUDACC__)
-  double inverse;  // for the GPU alone
+  double inverse;  // 1 / value, rounded; set and used only on the GPU
 #endif
 };
 

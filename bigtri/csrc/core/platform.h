@@ -1,4 +1,5 @@
-// What the core needs to know of the compiler: functions for host and device, and nothing else.
+// The compiler's part: how a function is declared for host and device, and helpers that need no library call.
+// Every stage includes this file. It is the only one in core/ that includes system headers.
 #pragma once
 
 #include <stddef.h>
@@ -7,8 +8,8 @@
 #if defined(__CUDACC__)
 #define BIGTRI_HD __host__ __device__ static inline
 #else
-// Internal linkage on purpose: the same header is compiled once per instruction set, and a linker that merged the copies
-// could hand AVX-512 code to a machine without it.
+// Internal linkage, because each header is compiled once per instruction set. A linker that merged the copies could
+// keep the AVX-512 one and run it on a machine without AVX-512.
 #define BIGTRI_HD static inline
 #endif
 
@@ -23,7 +24,7 @@ BIGTRI_HD T max_of(T a, T b) {
   return a < b ? b : a;
 }
 
-// Bits as they are; the union form is understood alike by gcc, clang and nvcc.
+// Reinterprets the bits. gcc, clang and nvcc all define reading the other member of a union.
 template <class To, class From>
 BIGTRI_HD To bits_as(From v) {
   static_assert(sizeof(To) == sizeof(From), "as many bits");

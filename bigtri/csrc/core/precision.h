@@ -1,7 +1,9 @@
-// The rungs of the precision ladder; docs/numerics.md 12. The only file that names them. Mirrors bigtri/precision.py.
+// The rungs of the precision ladder; docs/numerics.md 12. Mirrors bigtri/precision.py. Besides this file, only
+// cuda/variants.h names rungs, where it lists the variants of each.
 //
-// A rung is a constant of the translation unit, as the instruction set is: what depends on it is compiled once per rung, with BIGTRI_RUNG
-// defined as the rung's name, into an inline namespace of that name. So no function tests for it, and no template argument is handed through.
+// A rung is a constant of the translation unit, as the instruction set is. Code that depends on the rung is compiled
+// once per rung, with BIGTRI_RUNG defined as the rung's name, into an inline namespace of that name (numerics.h). So no
+// function tests for the rung, and no template passes it along.
 #pragma once
 
 namespace bigtri {

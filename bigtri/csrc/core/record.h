@@ -1,4 +1,5 @@
-// What rasterization needs of a (sub)triangle, made once at set-up; docs/numerics.md 2.4.
+// The record of a (sub)triangle, as rasterization reads it; docs/numerics.md 2.4. Setup makes it once from a Primitive,
+// with the depth gradients of section 7. Binning, tiles, spans and depth read it. Mirrors bigtri/reference/records.py.
 #pragma once
 
 #include "binning.h"
@@ -9,26 +10,32 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
 struct Record {  // 96 bytes, 104 on the GPU
-  int32_t x[3], y[3];  // subpx
-  float z[3];
-  uint32_t triangle;
-  Divisor area;  // subpx^2, twice the triangle's
-  double dzdx, dzdy;
-  float zmin, zmax;
+  int32_t x[3], y[3];  // snapped vertices, subpx
+  float z[3];  // window depth of the vertices
+  uint32_t triangle;  // index of the parent triangle
+  Divisor area;  // twice the area, subpx^2, > 0
+  double dzdx, dzdy;  // depth plane: window depth per px
+  float zmin, zmax;  // of z
   int32_t x0, y0, x1, y1;  // bbox, px, half-open
-  uint32_t flags;
+  uint32_t flags;  // kRecordLarge | kRecordThin | kRecordFar
 };
-constexpr uint32_t kRecordLarge = 1, kRecordThin = 2, kRecordFar = 4;  // far: zmax > 1, some fragments may be dropped
+// Large: goes through bins and tiles. Thin: depth is not computed from the plane (numerics.md 7). Far: zmax > 1, so
+// some fragments may be dropped.
+constexpr uint32_t kRecordLarge = 1, kRecordThin = 2, kRecordFar = 4;
 
-// The direct path keeps f in int32 without the bin test that makes this safe for others. For a triangle of extent D <= 1024 px, 2^18 subpx at 8 bits, and samples up to
-// 8 px beyond it, |e| <= 2 * D * (D + 2^11), so |f| < 2^30. A small bbox alone is not enough: the screen may have cut it from a huge triangle.
+// Largest extent of a small record, subpx. The direct path of small records keeps f in int32 without a bin test. Let
+// the triangle's extent be D <= 1024 px = 2^18 subpx, and let samples lie up to 8 px = 2^11 subpx outside of it. e is a
+// difference of two products of a side (<= D) and a distance (<= D + 2^11), so |e| <= 2 * D * (D + 2^11) < 2^38, and
+// |f| < 2^30. A small bbox alone does not bound D: the screen may have cut it from a huge triangle.
 constexpr int32_t kDirectExtent = 1024 * kSubpixel;
 
+// Subpx, in one dimension; extent_of is the larger of both.
 BIGTRI_HD int32_t extent(const int32_t v[3]) {
   return max_of(max_of(v[0], v[1]), v[2]) - min_of(min_of(v[0], v[1]), v[2]);
 }
 BIGTRI_HD int32_t extent_of(const Primitive& p) { return max_of(extent(p.x), extent(p.y)); }
 
+// triangle: index of the parent. threshold: a bbox with more px makes the record large.
 BIGTRI_HD void fill_record(const Primitive& p, int64_t triangle, Record* r, int64_t threshold = kLargeThreshold) {
   for (int k = 0; k < 3; ++k) {
     r->x[k] = p.x[k];

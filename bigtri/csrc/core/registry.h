@@ -1,17 +1,18 @@
-// What a variant says of itself, the same for CPU and GPU.
+// The parameters that a variant offers to callers, the same for CPU and GPU. The binding checks them, and
+// bigtri/native.py lists them. They change no bit of a picture, so bigtri/reference has no mirror of them.
 #pragma once
 
 #include "platform.h"
 
 namespace bigtri {
 
-// A number that a caller may set for one call. It changes no bit of the picture.
+// A number that a caller may set for one call. Lists of parameters end with one whose name is null.
 struct Parameter {
-  const char* name;  // null ends a list
-  const char* unit;  // of the number, e.g. "records"; "" for a plain number
-  const char* about;
-  int64_t standard, low, high;
-  const int64_t* only = nullptr;  // the values allowed, ascending and ending with -1; null for all from low to high
+  const char* name;
+  const char* unit;               // e.g. "records"; "" for a plain number
+  const char* about;              // what it sets, for the user
+  int64_t standard, low, high;    // default, and the range allowed, both ends included
+  const int64_t* only = nullptr;  // the values allowed, ascending, then -1; null: all from low to high
 
   bool allows(int64_t v) const {
     if (v < low || v > high) return false;

@@ -1,4 +1,6 @@
-// The records of one parent triangle, and which of them covers a pixel; docs/numerics.md 2.4 and 9. Mirrors bigtri/reference/resolve.py.
+// The records of a parent triangle, and which of them covers a pixel; docs/numerics.md 2.4 and 9. A visibility buffer
+// holds only the parent's index, so resolve sets the parent up again for the attribute pass. Mirrors
+// bigtri/reference/resolve.py.
 #pragma once
 
 #include "setup.h"
@@ -6,26 +8,27 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// Records of a parent, with what attributes need.
+// The records of a parent triangle in fan order, with the values that barycentrics are computed from.
 template <int kRecords>
 struct ParentOf {
   int count;  // records
   bool clipped;
-  bool affine;  // not clipped, and all w equal
-  int first;  // clipped: the corner that is slot 0
-  Primitive primitive[kRecords];
-  double w[kRecords][3];  // of the record's vertices
-  double weights[kRecords][3][3];  // clipped: homogeneous, over the slots
+  bool affine;                     // not clipped, and all w equal: no perspective correction
+  int first;                       // clipped: the corner that is slot 0
+  Primitive primitive[kRecords];   // the records' vertices, bbox and area
+  double w[kRecords][3];           // clip-space w of the record's vertices
+  double weights[kRecords][3][3];  // [record][vertex]: clipped: homogeneous weights over the slots; else unit vectors
 };
-using Parent = ParentOf<kMaxSubTriangles>;  // all of them; a GPU has no room for so many in every thread
+// Room for all records that a triangle can have. A GPU has too little memory per thread for it.
+using Parent = ParentOf<kMaxSubTriangles>;
 
-// corner of the parent that entry k of a record's barycentrics belongs to.
+// The corner of the parent that barycentric k of a record belongs to.
 template <int kRecords>
 BIGTRI_HD int corner_of(const ParentOf<kRecords>& p, int record, int k) {
   return p.clipped ? (p.first + k) % 3 : p.primitive[record].order[k];
 }
 
-// w and weights of a record that is sub-triangle s of a fan.
+// Sets w and weights of a record that is sub-triangle s of a fan, from its primitive.
 template <int kRecords>
 BIGTRI_HD void set_fan_weights(const ClipVertex* polygon, int apex, int count, int s, int record,
                                ParentOf<kRecords>* out) {
@@ -38,6 +41,8 @@ BIGTRI_HD void set_fan_weights(const ClipVertex* polygon, int apex, int count, i
   }
 }
 
+// Sets up a parent triangle from its clip-space vertices v and their projections. out has no record unless the result
+// is kWhole or kClip.
 BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], const Viewport& view, Parent* out) {
   out->count = 0;
   out->clipped = false;
@@ -74,7 +79,7 @@ BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], con
   return fate;
 }
 
-// The records of triangle t of a view, whose indices all name vertices.
+// The same for triangle t of a frame with one view. The triangle's indices must name vertices.
 BIGTRI_HD Fate expand_triangle(const Frame& f, int64_t t, Parent* out) {
   float v[3][4];
   Vertex projected[3];
@@ -85,13 +90,14 @@ BIGTRI_HD Fate expand_triangle(const Frame& f, int64_t t, Parent* out) {
   return expand_parent(v, projected, f.view, out);
 }
 
-// Not a loop: nvcc does not unroll one that may end early, and keeps in slow memory what is then indexed.
+// Whether the primitive covers pixel (x, y). The edges are written out: nvcc does not unroll a loop that may end early,
+// and would put the arrays that it indexes in local memory.
 BIGTRI_HD bool covers(const Primitive& p, int32_t x, int32_t y) {
   return edge_steps(edge_of(p.x, p.y, 0), x, y) >= 0 && edge_steps(edge_of(p.x, p.y, 1), x, y) >= 0 &&
          edge_steps(edge_of(p.x, p.y, 2), x, y) >= 0;
 }
 
-// First record in fan order that covers the pixel, -1 if none does.
+// The first record in fan order that covers pixel (x, y); -1 if none does.
 BIGTRI_HD int covering_record(const Parent& p, int32_t x, int32_t y) {
   for (int s = 0; s < p.count; ++s)
     if (covers(p.primitive[s], x, y)) return s;

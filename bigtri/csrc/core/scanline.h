@@ -1,4 +1,5 @@
-// Exact spans of covered pixels; docs/numerics.md 6. Mirrors bigtri/reference/scanline.py.
+// Exact spans of covered pixels in a row; docs/numerics.md 6. Rows of touched tiles and of small records are cut to
+// spans; depth is computed for their pixels. Mirrors bigtri/reference/scanline.py.
 #pragma once
 
 #include "numerics.h"
@@ -6,11 +7,12 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// floor(n / d) for 0 <= n < 2^52 and 0 < d < 2^52, by a float64 division, several times faster than an integer one on CPU and GPU. Rounding cannot reach an integer m that n / d stays below:
-// it is 1/d away at least, and half a unit of m's last place is m * 2^-53 < 1/d.
+// floor(n / d) for 0 <= n < 2^52 and 0 < d < 2^52. A float64 division is several times faster than an integer one, on
+// CPU and GPU. It cannot round up to the next integer m > n / d: m - n / d >= 1/d, while rounding moves a number just
+// below m by at most half a unit in its last place, m * 2^-53. From m * d <= n + d < 2^53 follows m * 2^-53 < 1/d.
 BIGTRI_HD int64_t floor_quotient(int64_t n, int64_t d) { return (int64_t)((double)n / (double)d); }
 
-// The pixels i in [lower, upper) of a row where f + step * i >= 0, cut to the interval given.
+// Cuts [lower, upper) to the pixels i of a row where f + step * i >= 0. f is the value at i = 0; lower >= 0.
 BIGTRI_HD void cut_span(int64_t f, int64_t step, int64_t* lower, int64_t* upper) {
   if (step == 0) {
     if (f < 0) *upper = *lower;

@@ -1,4 +1,5 @@
-// Projection, snapping, orientation, culling: from clip space to records; docs/numerics.md 2. Mirrors bigtri/reference/setup.py.
+// Projection, snapping, fans, orientation and culling; docs/numerics.md 2. The first stage: it turns clip-space
+// triangles into primitives, from which record.h makes records. Mirrors bigtri/reference/setup.py.
 #pragma once
 
 #include "clip.h"
@@ -6,37 +7,41 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// Vertex flags: bits 0-5 outside plane k.
+// Vertex flags. Bits 0 to 5: the vertex is outside plane k.
 constexpr uint32_t kOutsideMask = (1u << kPlanes) - 1;
-constexpr uint32_t kNonFinite = 1u << 6;
-constexpr uint32_t kBehind = 1u << 7;  // w <= 0
+constexpr uint32_t kNonFinite = 1u << 6;  // a component is infinite or a NaN
+constexpr uint32_t kBehind = 1u << 7;     // not w > 0
 
-// One projected vertex: subpx, window depth, flags. X, Y and z count only where no flag is set.
+// One projected vertex. x, y and z are meaningful only if flags is 0.
 struct Vertex {
-  int32_t x, y;
-  float z;
-  uint32_t flags;
+  int32_t x, y;    // snapped, subpx
+  float z;         // window depth
+  uint32_t flags;  // bits as above
 };
 
-// One oriented, culled, non-empty (sub)triangle. order[k]: which of the three vertices given is record vertex k.
+// One (sub)triangle that was not culled and has a pixel centre in its bbox. Its vertices run clockwise on the screen,
+// from the one with the smallest (X, Y).
 struct Primitive {
-  int32_t x[3], y[3];
-  float z[3];
-  int32_t order[3];
+  int32_t x[3], y[3];      // snapped vertices, subpx
+  float z[3];              // window depth
+  int32_t order[3];        // order[k]: which of the three vertices given is record vertex k
   int32_t x0, y0, x1, y1;  // bbox, px, half-open
-  int64_t area;
+  int64_t area;            // twice the area, subpx^2, > 0
 };
 
-// Half to even, for |v| < 2^51; no library call, the same on every target.
+// Rounds half to even, for |v| < 2^51, without a library call and alike on every target. v + magic lies in [2^52,
+// 2^53), where float64 numbers are 1 apart. So the addition rounds v to an integer, and the subtraction is exact.
 BIGTRI_HD double round_half_even(double v) {
   const double magic = 6755399441055744.0;  // 1.5 * 2^52
   return (v + magic) - magic;
 }
 
-// low and high are integers, so clamping before rounding gives what clamping after it gives. A NaN becomes anything between.
+// v, rounded half to even and clamped to [low, high]. The bounds are integers, so the order of rounding and clamping
+// does not matter. A NaN gives some number in [low, high].
 BIGTRI_HD int32_t clamp_round(double v, int32_t low, int32_t high) {
 #if defined(__CUDA_ARCH__)
-  return min_of(max_of(__double2int_rn(v), low), high);  // what is beyond int32 becomes its end
+  // The conversion saturates: a number beyond int32 becomes int32's nearest end.
+  return min_of(max_of(__double2int_rn(v), low), high);
 #else
   v = v >= low ? v : low;
   v = v <= high ? v : high;
@@ -44,25 +49,29 @@ BIGTRI_HD int32_t clamp_round(double v, int32_t low, int32_t high) {
 #endif
 }
 
-template <class W>  // double or Divisor
+// X of a vertex, subpx; numerics.md 2.2. W is double or Divisor.
+template <class W>
 BIGTRI_HD int32_t snap_x(double x, const W& w, int width) {
   const int32_t half = kHalf * width;
   return half + clamp_round(quotient(x, w) * half, -kGuard - half, kGuard - 1 - half);
 }
 
+// Y of a vertex, subpx, downwards.
 template <class W>
 BIGTRI_HD int32_t snap_y(double y, const W& w, int height) {
   const int32_t half = kHalf * height;
   return half - clamp_round(quotient(y, w) * half, half - kGuard + 1, half + kGuard);
 }
 
+// T is float for original vertices, and double for those that clipping made.
 template <class T>
 BIGTRI_HD float window_depth(T z_by_w) {
   return (float)(z_by_w * (T)0.5 + (T)0.5);
 }
 
-// z / w in float32, w a float32: a GPU takes the inverse that is there already. Rounding a quotient of two float32 numbers to float64 first does not change what float32 it rounds to
-// (Figueroa 1995, "When is double rounding innocuous?").
+// z / w in float32, where w holds a float32. A GPU has the inverse of w already, so it divides in float64 and rounds
+// again. Rounding the quotient of two float32 numbers to float64 first does not change the float32 result (Figueroa
+// 1995, "When is double rounding innocuous?").
 BIGTRI_HD float float_quotient(float z, const Divisor& w) {
 #if defined(__CUDA_ARCH__)
   return (float)quotient(z, w);
@@ -71,13 +80,16 @@ BIGTRI_HD float float_quotient(float z, const Divisor& w) {
 #endif
 }
 
-// Inside the view frustum, whose planes all six clip planes lie outside of or on: most vertices, for seven comparisons. A NaN is not; an infinite w would be.
+// Whether the vertex is finite and inside the view frustum. All six clip planes lie on the frustum's planes or outside
+// of them, so such a vertex needs no flag. Most vertices are settled by these eight comparisons. A NaN fails them; an
+// infinite w passes all but the second.
 BIGTRI_HD bool in_frustum(const float v[4]) {
   const float w = v[3];
   return (w > 0) & (w < kInfinity) & (v[0] <= w) & (v[0] >= -w) & (v[1] <= w) & (v[1] >= -w) & (v[2] <= w) &
          (v[2] >= -w);
 }
 
+// The negated comparisons set the flags for a NaN too.
 BIGTRI_HD uint32_t vertex_flags(const float v[4], int width, int height) {
   uint32_t flags = 0;
   if (in_frustum(v)) return flags;
@@ -94,13 +106,15 @@ BIGTRI_HD Vertex project_vertex(const float v[4], int width, int height) {
           vertex_flags(v, width, height)};
 }
 
-// Element i of three. Not an array: a GPU keeps those that are indexed with what it cannot know in slow memory.
+// v[i], selected by comparisons: a GPU would put an array with an index unknown at compile time in local memory, which
+// is slow.
 template <class T>
 BIGTRI_HD T pick(const T v[3], int i) {
   return i == 0 ? v[0] : i == 1 ? v[1] : v[2];
 }
 
-// false: nothing to draw (zero area, culled, or no pixel centre within the bounds).
+// Makes a primitive of three projected vertices. False if there is nothing to draw: the area is zero, the face is
+// culled, or the bbox holds no pixel centre inside the scissor.
 BIGTRI_HD bool make_primitive(const int32_t x[3], const int32_t y[3], const float z[3], const Viewport& view,
                               Primitive* out) {
   const int64_t area = twice_area(x, y);
@@ -108,13 +122,14 @@ BIGTRI_HD bool make_primitive(const int32_t x[3], const int32_t y[3], const floa
   if (view.cull == (area > 0 ? kCullBack : kCullFront)) return false;
   const int32_t min_x = min_of(min_of(x[0], x[1]), x[2]), max_x = max_of(max_of(x[0], x[1]), x[2]);
   const int32_t min_y = min_of(min_of(y[0], y[1]), y[2]), max_y = max_of(max_of(y[0], y[1]), y[2]);
-  // The first centre at or after the minimum, and one past the last at or before the maximum; >> is floor.
+  // Pixels from the first centre at or after the minimum to the last centre at or before the maximum. >> rounds down,
+  // so the first is ceil((min - kHalf) / kSubpixel), as kSubpixel = 2 * kHalf.
   out->x0 = max_of((min_x + kHalf - 1) >> kSubpixelBits, view.x0);
   out->y0 = max_of((min_y + kHalf - 1) >> kSubpixelBits, view.y0);
   out->x1 = min_of(((max_x - kHalf) >> kSubpixelBits) + 1, view.x1);
   out->y1 = min_of(((max_y - kHalf) >> kSubpixelBits) + 1, view.y1);
   if (out->x0 >= out->x1 || out->y0 >= out->y1) return false;
-  // From the vertex with the smallest (X, Y), there is one, in clockwise order.
+  // Order the vertices clockwise, from the one with the smallest (X, Y). It is unique, since the area is not zero.
   int source = 0;
   for (int k = 1; k < 3; ++k)
     if (x[k] < pick(x, source) || (x[k] == pick(x, source) && y[k] < pick(y, source))) source = k;
@@ -131,29 +146,33 @@ BIGTRI_HD bool make_primitive(const int32_t x[3], const int32_t y[3], const floa
   return true;
 }
 
-// One vertex of a clipped polygon, projected.
+// Projects one vertex of a clipped polygon. A vertex that a guard band plane made lies exactly on the guard band's
+// border: bits 1 to 4 of made are X-, X+, Y- and Y+.
 BIGTRI_HD Vertex project_clipped(const ClipVertex& v, int width, int height) {
   Vertex out;
   const double w = v.position[3];
   out.x = (v.made & 2) ? -kGuard : (v.made & 4) ? kGuard - 1 : snap_x(v.position[0], w, width);
   out.y = (v.made & 8) ? -kGuard : (v.made & 16) ? kGuard - 1 : snap_y(v.position[1], w, height);
-  if (v.made == 0)  // an original vertex: from its float32 inputs, as if it had not been clipped
+  // An original vertex gets the depth that it has in triangles that are not clipped, from its float32 inputs. Rounding
+  // may have left a new vertex a little in front of the near plane; its depth is clamped to 0.
+  if (v.made == 0)
     out.z = window_depth((float)v.position[2] / (float)w);
-  else  // rounding may have put it a little in front of the near plane
+  else
     out.z = (v.made & (1u << kNear)) ? 0.0f : max_of(window_depth(v.position[2] / w), 0.0f);
   out.flags = 0;
   return out;
 }
 
-// What a clipped triangle becomes: a fan of projected vertices, and where they came from.
+// A clipped triangle: a polygon, to be cut into count - 2 sub-triangles that share one vertex.
 struct Fan {
-  ClipVertex polygon[kMaxPolygon];
-  Vertex projected[kMaxPolygon];
-  int count;  // vertices
-  int first;  // corner that is slot 0
-  int apex;  // vertex that all sub-triangles share
+  ClipVertex polygon[kMaxPolygon];  // in clip space
+  Vertex projected[kMaxPolygon];    // the same vertices, projected
+  int count;                        // vertices; 0 if nothing is left
+  int first;                        // the triangle's corner that is slot 0
+  int apex;                         // the vertex that all sub-triangles share
 };
 
+// Whether (X, Y, z, w) of a is lexicographically less than that of b.
 BIGTRI_HD bool fan_less(const Vertex& a, double aw, const Vertex& b, double bw) {
   if (a.x != b.x) return a.x < b.x;
   if (a.y != b.y) return a.y < b.y;
@@ -169,20 +188,21 @@ BIGTRI_HD int fan_apex(const Vertex* projected, const ClipVertex* polygon, int c
   return apex;
 }
 
+// Clips and projects a triangle. outside: the planes (bit k) that at least one vertex is outside of.
 BIGTRI_HD void make_fan(const float v[3][4], uint32_t outside, int width, int height, Fan* fan) {
   fan->count = clip_triangle(v, outside, width, height, fan->polygon, &fan->first);
   for (int i = 0; i < fan->count; ++i) fan->projected[i] = project_clipped(fan->polygon[i], width, height);
   fan->apex = fan_apex(fan->projected, fan->polygon, fan->count);
 }
 
-// Polygon vertex numbers of sub-triangle s of a fan of count vertices, s = 0 .. count - 3.
+// The polygon vertices of sub-triangle s, s = 0 .. count - 3, of a fan with count vertices.
 BIGTRI_HD void fan_vertices(int apex, int count, int s, int index[3]) {
   index[0] = apex;
   index[1] = (apex + s + 1) % count;
   index[2] = (apex + s + 2) % count;
 }
 
-// Sub-triangle s; projected: the polygon's vertices.
+// Makes a primitive of sub-triangle s. projected: the polygon's vertices. False as in make_primitive.
 BIGTRI_HD bool fan_primitive(const Vertex* projected, int apex, int count, int s, const Viewport& view,
                              Primitive* out) {
   int index[3];
@@ -197,15 +217,18 @@ BIGTRI_HD bool fan_primitive(const Vertex* projected, int apex, int count, int s
   return make_primitive(x, y, z, view, out);
 }
 
+// What becomes of a triangle: dropped and counted, not drawn, kept unclipped, or clipped.
 enum class Fate { kDropped, kNothing, kWhole, kClip };
 
-// What becomes of a triangle, by the flags of its vertices.
+// a, b, c: the flags of the triangle's vertices.
 BIGTRI_HD Fate fate_of(uint32_t a, uint32_t b, uint32_t c) {
   const uint32_t any = a | b | c;
   if (any == 0) return Fate::kWhole;
   if (any & kNonFinite) return Fate::kDropped;
   if (a & b & c & kOutsideMask) return Fate::kNothing;
-  // With all three inside every plane, w <= 0 is left to the point (0, 0, 0, 0), which has no place on the screen.
+  // If all three vertices are inside every plane, one of them has w <= 0. It is (0, 0, 0, 0), which has no place on the
+  // screen: the near and depth distances add up to 5w >= 0, so w = 0; these two then give z = 0, and the others x = y =
+  // 0.
   return (any & kOutsideMask) ? Fate::kClip : Fate::kNothing;
 }
 

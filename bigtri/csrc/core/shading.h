@@ -1,17 +1,19 @@
-// Lambert shading and sRGB encoding; docs/numerics.md 11. Mirrors bigtri/reference/shading.py.
+// Lambert shading and sRGB encoding of a pixel, in float32; docs/numerics.md 11. The last stage: it follows attributes
+// and textures. Mirrors bigtri/reference/shading.py.
 #pragma once
 
 #include "platform.h"
 
 namespace bigtri {
 
+// Correctly rounded on the CPU and on the GPU.
 #if defined(__CUDA_ARCH__)
 BIGTRI_HD float square_root(float v) { return __fsqrt_rn(v); }
 #else
 BIGTRI_HD float square_root(float v) { return __builtin_sqrtf(v); }
 #endif
 
-// directions, colors [lights, 3]; normal, albedo, ambient, out [3].
+// directions, colors: [lights, 3], of the lights. normal, albedo, ambient, out: [3]. The normal need not have length 1.
 BIGTRI_HD void lambert(const float normal[3], const float albedo[3], const float ambient[3], const float* directions,
                        const float* colors, int64_t lights, float out[3]) {
   const float s = (normal[0] * normal[0] + normal[1] * normal[1]) + normal[2] * normal[2];
@@ -29,13 +31,15 @@ BIGTRI_HD void lambert(const float normal[3], const float albedo[3], const float
   for (int i = 0; i < 3; ++i) out[i] = albedo[i] * c[i];
 }
 
-// thresholds [255], ascending: the number of them that are <= v, counted on from one that is not too high; NaN gives `from`.
+// The sRGB byte of a linear value: the number of thresholds ([255], ascending) that are <= v. The count goes on from
+// `from`, which must not be above the result. A NaN gives `from`.
 BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds, int from) {
   while (from < 255 && thresholds[from] <= v) ++from;
   return (uint8_t)from;
 }
 
-// The same by halves: eight looks whatever v is, so that threads in step wait for none among them.
+// The same by binary search, where a NaN gives 0. It takes eight comparisons for any v, so the threads of a warp do not
+// diverge.
 BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds) {
   int from = 0;
   for (int step = 128; step > 0; step /= 2)

@@ -1,4 +1,5 @@
-// Texture sampling; docs/numerics.md 10. Mirrors bigtri/reference/texture.py.
+// Texture sampling in float32; docs/numerics.md 10. It runs per pixel, on uv coordinates that the attribute pass
+// interpolated. Mirrors bigtri/reference/texture.py.
 #pragma once
 
 #include "platform.h"
@@ -8,30 +9,32 @@ namespace bigtri {
 enum class Filter : int { kNearest, kBilinear };
 enum class Wrap : int { kRepeat, kClamp };
 
-// floor for |v| < 2^31; no library call.
+// floor(v) for |v| < 2^31, without a library call.
 BIGTRI_HD float floor_small(float v) {
   const float t = (float)(int32_t)v;
   return t > v ? t - 1.0f : t;
 }
 
-// floor for any finite v: from 2^23 on every float is an integer.
+// floor(v) for any finite v. From 2^23 = 8388608 on, every float is an integer.
 BIGTRI_HD float floor_any(float v) {
   const float magnitude = v < 0 ? -v : v;
   return magnitude < 8388608.0f ? floor_small(v) : v;
 }
 
+// u or v, brought into [0, 1].
 BIGTRI_HD float wrap_coordinate(float u, Wrap wrap) {
   if (wrap == Wrap::kRepeat) return u - floor_any(u);
   return min_of(max_of(u, 0.0f), 1.0f);
 }
 
+// The column or row of a texel, brought into [0, size).
 BIGTRI_HD int wrap_texel(int i, int size, Wrap wrap) {
   if (wrap == Wrap::kClamp) return min_of(max_of(i, 0), size - 1);
   const int r = i % size;
   return r < 0 ? r + size : r;
 }
 
-// texture [height, width, channels]; out [channels].
+// texture: [height, width, channels], row 0 on top. u, v: (0, 0) at the lower left. out: [channels].
 BIGTRI_HD void sample(const float* texture, int height, int width, int64_t channels, float u, float v, Filter filter,
                       Wrap wrap, float* out) {
   if (!(is_finite(u) && is_finite(v))) u = v = 0.0f;

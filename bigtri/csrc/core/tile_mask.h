@@ -1,4 +1,6 @@
-// 64-bit masks over a bin's 8x8 tiles of 8x8 px; docs/numerics.md 5. Mirrors bigtri/reference/tile_mask.py.
+// Which of a bin's 8x8 tiles of 8x8 px an entry touches and fills; docs/numerics.md 5. The answers are 64-bit masks,
+// bit 8 * row + column. They come after binning, and decide which rows are cut to spans. Mirrors
+// bigtri/reference/tile_mask.py. This file has the arithmetic; cpu/tile_mask.inl and cuda/direct.cuh build the masks.
 #pragma once
 
 #include "binning.h"
@@ -6,7 +8,8 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// Bits of the tiles that meet columns [x0, x1) and rows [y0, y1) of the bin (px from its corner, cut to 0..64).
+// The tiles that meet columns [x0, x1) and rows [y0, y1), which count px from the bin's upper left corner. They may
+// reach beyond the bin.
 BIGTRI_HD uint64_t bbox_tiles(int x0, int y0, int x1, int y1) {
   x0 = max_of(x0, 0), y0 = max_of(y0, 0), x1 = min_of(x1, kBin), y1 = min_of(y1, kBin);
   if (x0 >= x1 || y0 >= y1) return 0;
@@ -16,12 +19,12 @@ BIGTRI_HD uint64_t bbox_tiles(int x0, int y0, int x1, int y1) {
   return (columns * 0x0101010101010101ull) & rows;
 }
 
-// f at a tile's first centre.
+// f at a tile's first pixel centre.
 BIGTRI_HD int32_t tile_edge(const NarrowEdge& e, int column, int row) {
   return e.f + (kTile * column) * e.sx + (kTile * row) * e.sy;
 }
 
-// What to add to it for the extremes over the tile's 64 centres.
+// Added to tile_edge, they give the extremes of f over the tile's 64 pixel centres.
 BIGTRI_HD int32_t tile_highest(const NarrowEdge& e) { return (kTile - 1) * (max_of(e.sx, 0) + max_of(e.sy, 0)); }
 BIGTRI_HD int32_t tile_lowest(const NarrowEdge& e) { return (kTile - 1) * (min_of(e.sx, 0) + min_of(e.sy, 0)); }
 
