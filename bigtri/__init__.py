@@ -29,10 +29,11 @@ _HOMES = {
     "render": ".rendering.render",
     "sample_texture": ".ops.texture",
 }
-_MODULES = {"stages": ".check.stages", "verify": ".check.verify", "views": ".rendering.views"}
+_MODULES = {"memory": ".ops.memory", "stages": ".check.stages", "verify": ".check.verify", "views": ".rendering.views"}
 
 if TYPE_CHECKING:
     from .check import stages, verify
+    from .ops import memory
     from .ops.interpolate import barycentrics, interpolate
     from .ops.rasterize import Visibility, rasterize
     from .ops.shading import decode_srgb, encode_srgb, lambert
@@ -56,6 +57,7 @@ __all__ = [
     "interpolate",
     "lambert",
     "load_scene",
+    "memory",
     "merge",
     "rasterize",
     "render",

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .. import native, torch_private, warn
 from ..choices import BACKENDS
 from ..reference.numerics import MAX_SIZE
+from . import memory
 
 Array: TypeAlias = "torch.Tensor | NDArray[Any]"
 ArrayT = TypeVar("ArrayT", torch.Tensor, NDArray[Any])
@@ -251,8 +252,8 @@ def check_output(
     if not torch.compiler.is_compiling():
         for name, value in inputs.items():
             check_writable_along(op, name, value)
-    if out is None:  # of an input's kind: beside a fake tensor a fake one
-        return next(iter(inputs.values())).new_empty(shape, dtype=dtype)
+    if out is None:
+        return memory.new(next(iter(inputs.values())), shape, dtype)
     # A NumPy array is looked at as it is: torch takes no other byte order and no negative strides.
     if isinstance(out, np.ndarray):
         if not out.flags.writeable:

@@ -13,7 +13,7 @@ from .. import native
 from ..choices import CULLS
 from ..precision import PRECISIONS, RUNGS, Arithmetic
 from ..reference import pipeline
-from . import arguments
+from . import arguments, memory
 from .arguments import Array
 
 # packed is (depth bits << 32) | triangle: the low half of each int64 is the triangle, and -1 on the background.
@@ -105,7 +105,7 @@ def rasterize(
     shape = (*clip.shape[:-2], height, width)
     packed = arguments.check_output(op, out, torch.int64, shape, clip.device, positions=clip, triangles=faces)
     dropped = clip.new_empty(shape[:-2], dtype=torch.int64)
-    image = clip.new_empty(shape) if depth else None
+    image = memory.new(clip, shape, torch.float32) if depth else None
     if chosen == "native":
         if validate:
             check_indices(op, faces, clip.shape[-2])

@@ -8,6 +8,7 @@
 #endif
 
 #include "../core/numerics.h"
+#include "../core/visibility.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -211,12 +212,41 @@ BIGTRI_INLINE int append_rows(uint64_t mask, uint32_t code, uint32_t* list, int 
 #endif
 }
 
+// depth_of (core/visibility.h) of each. The upper half of a background pixel, 0x7fffffff, is above the bits of infinity,
+// and all others are below: a minimum of integers is enough.
+BIGTRI_INLINE f32x8 depths_of(const i64x8& packed) {
+  f32x8 r;
+#if BIGTRI_SIMD >= 512
+  const __m256i high = _mm512_cvtepi64_epi32(_mm512_srli_epi64((__m512i)packed.part[0], 32));
+  r.part[0] = (f32x8::Vector)_mm256_min_epi32(high, _mm256_set1_epi32(0x7f800000));
+#elif BIGTRI_SIMD >= 256
+  // The upper halves of pixels 0 1 4 5 | 2 3 6 7, then in order.
+  const __m256 both = _mm256_shuffle_ps((__m256)packed.part[0], (__m256)packed.part[1], _MM_SHUFFLE(3, 1, 3, 1));
+  const __m256i high = _mm256_permute4x64_epi64((__m256i)both, _MM_SHUFFLE(3, 1, 2, 0));
+  r.part[0] = (f32x8::Vector)_mm256_min_epi32(high, _mm256_set1_epi32(0x7f800000));
+#else
+  float f[8];
+  for (int i = 0; i < 8; ++i) f[i] = depth_of(packed[i]);
+  r = load<f32x8>(f);
+#endif
+  return r;
+}
+
 // To memory that is not read again soon, 64-byte aligned: past the caches.
 BIGTRI_INLINE void stream(int64_t* to, const i64x8& v) {
 #if BIGTRI_SIMD >= 512
   _mm512_stream_si512((__m512i*)to, (__m512i)v.part[0]);
 #elif BIGTRI_SIMD >= 256
   for (int i = 0; i < 2; ++i) _mm256_stream_si256((__m256i*)(to + 4 * i), (__m256i)v.part[i]);
+#else
+  store(to, v);
+#endif
+}
+
+// The same, 32-byte aligned.
+BIGTRI_INLINE void stream(float* to, const f32x8& v) {
+#if BIGTRI_SIMD >= 256
+  _mm256_stream_ps(to, (__m256)v.part[0]);
 #else
   store(to, v);
 #endif
