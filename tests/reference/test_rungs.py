@@ -136,8 +136,7 @@ def test_a_vertex_between_the_points_of_the_coarser_grid_makes_another_picture(r
     centre = 20 * 256 + 128
     xy = np.array([[[centre + 1, 0], [centre + 5000, 0], [centre + 1, 20000]]])
     drawn = [
-        rasterize(*snapped_at(xy, np.full((1, 3), 0.5), EXACT), SIZE, SIZE, arithmetic=a)[0] != BACKGROUND
-        for a in (EXACT, rung)
+        rasterize(*snapped_at(xy, np.full((1, 3), 0.5), EXACT), SIZE, SIZE, arithmetic=a)[0] != BACKGROUND for a in (EXACT, rung)
     ]
     assert not drawn[0][:, :21].any() and drawn[0][:70, 21].all()
     assert not drawn[1][:, :20].any() and drawn[1][:70, 20].all()
