@@ -31,9 +31,14 @@ class Arithmetic:
         return 1 << (15 + self.subpixel_bits)
 
 
-EXACT = Arithmetic("exact", subpixel_bits=8)
-SUBPIXEL4 = Arithmetic("subpixel4", subpixel_bits=4)
-
-RUNGS = {rung.name: rung for rung in (EXACT, SUBPIXEL4)}
+# The ladder, the default first.
+RUNGS = {
+    rung.name: rung
+    for rung in (
+        Arithmetic("exact", subpixel_bits=8),
+        Arithmetic("subpixel4", subpixel_bits=4),
+    )
+}
 PRECISIONS = tuple(RUNGS)
-DEFAULT = EXACT.name
+DEFAULT = PRECISIONS[0]
+EXACT = RUNGS[DEFAULT]

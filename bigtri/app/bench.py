@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ..precision import DEFAULT, PRECISIONS
 from ..study import scenes
 from . import arguments
 
@@ -33,6 +34,7 @@ def parser(program: str = "bigtri bench") -> argparse.ArgumentParser:
     result.add_argument("--threads", type=arguments.listed(arguments.count), help="thread counts (default: torch's)")
     result.add_argument("--isa", help="instruction sets, or all (default: the fastest this CPU has)")
     result.add_argument("--variant", default="auto", help="algorithm variants, or all (default auto)")
+    result.add_argument("--precision", default=DEFAULT, help=f"rungs, or all (default {DEFAULT})")
     result.add_argument("--seed", type=arguments.seed, default=scenes.SEED, help=f"the scenes' seed (default {scenes.SEED})")
     result.add_argument("--seconds", type=arguments.seconds, default=1.0, help="time for each case (default 1.0)")
     result.add_argument("--csv", type=arguments.csv_file, metavar="FILE", help="also write the rows there")
@@ -41,7 +43,7 @@ def parser(program: str = "bigtri bench") -> argparse.ArgumentParser:
 
 
 HEADER = (
-    f"{'scene':8} {'size':>10} {'threads':>7} {'isa':>8} {'variant':>10} "
+    f"{'scene':8} {'size':>10} {'threads':>7} {'isa':>8} {'variant':>10} {'precision':>10} "
     f"{'median ms':>10} {'min':>9} {'p25':>9} {'p75':>9} {'Mfrag/s':>9}"
 )
 
@@ -49,7 +51,7 @@ HEADER = (
 def table_line(row: Row) -> str:
     rate = f"{row.fragments / row.ms_median / 1e3:9.0f}" if row.fragments is not None else f"{'':9}"
     return (
-        f"{row.scene:8} {f'{row.width}x{row.height}':>10} {row.threads:7} {row.isa:>8} {row.variant:>10} "
+        f"{row.scene:8} {f'{row.width}x{row.height}':>10} {row.threads:7} {row.isa:>8} {row.variant:>10} {row.precision:>10} "
         f"{row.ms_median:10.3f} {row.ms_min:9.3f} {row.ms_p25:9.3f} {row.ms_p75:9.3f} {rate}"
     )
 
@@ -66,6 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         options.scenes, options.size, options.seconds = "S1,S2,S3", [(960, 540)], 0.2
     try:
         names = arguments.chosen("scene", options.scenes, list(scenes.SCENES))
+        precisions = arguments.chosen("precision", options.precision, list(PRECISIONS))
     except ValueError as error:
         command.error(str(error))
 
@@ -85,18 +88,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         cases = [(name, width, height, scenes.make(name, width, height, options.seed)) for (width, height), name in sizes]
     except ValueError as error:
         command.error(str(error))
-    settings = list(itertools.product(variants, options.threads or [torch.get_num_threads()], isas))
+    settings = list(itertools.product(precisions, variants, options.threads or [torch.get_num_threads()], isas))
 
     print(f"{provenance.device()}; {provenance.versions()}; {provenance.commit()}\n{HEADER}", flush=True)
     rows = []
     for name, width, height, scene in cases:
         if sys.stderr.isatty():
             print(f"{name} {width}x{height} ...", end="\r", file=sys.stderr, flush=True)
-        fragments = None
-        for variant, threads, isa in settings:
-            job = benchmark.Job(name, width, height, scene, variant)
-            fragments = job.fragments() if fragments is None else fragments
-            rows.append(benchmark.measure(job, threads, isa, options.seconds, fragments))
+        fragments: dict[str, int] = {}
+        for precision, variant, threads, isa in settings:
+            job = benchmark.Job(name, width, height, scene, variant, precision)
+            if precision not in fragments:
+                fragments[precision] = job.fragments()
+            rows.append(benchmark.measure(job, threads, isa, options.seconds, fragments[precision]))
             print(table_line(rows[-1]), flush=True)
     if options.csv:
         benchmark.write_csv(options.csv, rows)

@@ -1,8 +1,8 @@
 """The benchmark: times `bigtri.rasterize` on the scenes of `bigtri.study.scenes`, one CSV row per case.
 
-A case is (scene, resolution, threads, instruction set, variant). What is timed is the whole call, into an image that exists
-already: setup, clear, every triangle, packed depth and id. `bigtri bench` is the command; `bench/` has the drivers that put other
-rasterizers beside it, which write the same rows.
+A case is (scene, resolution, precision, variant, threads, instruction set). What is timed is the whole call, into an
+image that exists already: setup, clear, every triangle, packed depth and id. `bigtri bench` is the command; `bench/` has
+the drivers that put other rasterizers beside it, which write the same rows.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..check import stages
 from ..ops.rasterize import rasterize
+from ..precision import DEFAULT
 from ..reference.numerics import BACKGROUND
 from . import provenance, scenes
 from .clock import Timing, clock, peak_mib, setting, summary
@@ -99,15 +100,32 @@ def ids(packed: NDArray[np.int64]) -> NDArray[np.int32]:
 class Job:
     """A scene on the CPU, an output image, and the call to be timed."""
 
-    def __init__(self, name: str, width: int, height: int, scene: scenes.Triangles, variant: str = "auto") -> None:
-        self.name, self.width, self.height, self.variant = name, width, height, variant
+    def __init__(
+        self,
+        name: str,
+        width: int,
+        height: int,
+        scene: scenes.Triangles,
+        variant: str = "auto",
+        precision: str = DEFAULT,
+    ) -> None:
+        self.name, self.width, self.height, self.variant, self.precision = name, width, height, variant, precision
         self.positions = torch.from_numpy(scene.positions)  # [V, 4] float32
         self.triangles = torch.from_numpy(scene.triangles)  # [T, 3] int32
         self.packed = torch.full((height, width), BACKGROUND, dtype=torch.int64)
 
     def draw(self) -> None:
         size = (self.height, self.width)
-        rasterize(self.positions, self.triangles, size, backend="native", variant=self.variant, out=self.packed, depth=False)
+        rasterize(
+            self.positions,
+            self.triangles,
+            size,
+            variant=self.variant,
+            precision=self.precision,
+            backend="native",
+            out=self.packed,
+            depth=False,
+        )
 
     def covered_px(self) -> int:
         """Pixels with a triangle in the last image."""
@@ -116,10 +134,10 @@ class Job:
     def fragments(self) -> int:
         """Covered samples of all triangles: the spans' lengths, every record taken row by row."""
         scene = self.positions.numpy(), self.triangles.numpy()
-        records, _ = stages.setup(*scene, self.height, self.width, backend="native")
+        records, _ = stages.setup(*scene, self.height, self.width, backend="native", precision=self.precision)
         every = np.arange(len(records.triangle), dtype=np.int32)
         no_queue, no_tiles = np.empty((0, 3), np.int32), np.empty(0, np.int64)
-        spans = stages.scanline(records, no_queue, no_tiles, every, backend="native")
+        spans = stages.scanline(records, no_queue, no_tiles, every, backend="native", precision=self.precision)
         return int((spans[:, 3] - spans[:, 2]).sum(dtype=np.int64))
 
     def row(self, threads: int, isa: str) -> Row:
@@ -127,7 +145,7 @@ class Job:
         return Row(
             renderer="bigtri",
             variant=self.variant,
-            precision="exact",
+            precision=self.precision,
             effects="none",
             scene=self.name,
             triangles=len(self.triangles),

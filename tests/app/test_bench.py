@@ -11,7 +11,10 @@ import pytest
 
 from bigtri import native
 from bigtri.app import arguments, bench
-from bigtri.study import benchmark
+from bigtri.ops.rasterize import rasterize
+from bigtri.precision import PRECISIONS
+from bigtri.reference.numerics import BACKGROUND
+from bigtri.study import benchmark, scenes
 
 needs_extension = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 
@@ -40,6 +43,7 @@ def test_sizes_that_are_none(text: str) -> None:
         (["--csv", "{folder}"], "argument --csv: must be a file, got the folder"),
         (["--csv", "{folder}/file/x.csv"], "argument --csv: must be in a folder"),
         (["--variant", "none"], "variant must be one of"),
+        (["--precision", "none"], "precision must be one of exact, "),
     ],
 )
 @needs_extension
@@ -69,6 +73,21 @@ def test_command_writes_a_row_for_each_case(tmp_path: Path, capsys: pytest.Captu
     # the same scene covers the same pixels whatever the setting
     assert len({(row["scene"], row["width"], row["covered_px"]) for row in rows}) == 4
     assert "S2" in capsys.readouterr().out
+
+
+@needs_extension
+def test_each_rung_draws_its_own_pixels(tmp_path: Path) -> None:
+    path = tmp_path / "rows.csv"
+    options = ["--scenes", "S2", "--size", "640x360", "--seconds", "0", "--precision", "all"]
+    assert bench.main([*options, "--csv", str(path)]) == 0
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["precision"] for row in rows] == list(PRECISIONS)
+    scene = scenes.make("S2", 640, 360)
+    for row in rows:
+        packed = rasterize(scene.positions, scene.triangles, (360, 640), precision=row["precision"], backend="native").packed
+        assert int(row["covered_px"]) == int((packed != BACKGROUND).sum())
+    assert len({row["fragments"] for row in rows}) == len(rows)
 
 
 def test_command_names_the_scenes_there_are(capsys: pytest.CaptureFixture[str]) -> None:

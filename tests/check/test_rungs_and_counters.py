@@ -15,6 +15,7 @@ import bigtri
 from bigtri import native
 from bigtri.check import counters, stages
 from bigtri.precision import PRECISIONS, RUNGS
+from bigtri.reference.variants import COUNTS
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 CSRC = Path(bigtri.__file__).parent / "csrc"
@@ -38,6 +39,17 @@ def test_the_rungs_are_those_of_the_header() -> None:
     bits = {name: int(n) for name, n in re.findall(r"struct (\w+)[^{]*\{\s*static constexpr int kSubpixelBits = (\d+);", text)}
     assert bits == {name: rung.subpixel_bits for name, rung in RUNGS.items()}
     assert tuple(re.findall(r"X\((\w+)\)", text.partition("BIGTRI_RUNGS(X)")[2])) == PRECISIONS
+    on_cuda = re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\)", (CSRC / "cuda/variants.h").read_text())
+    assert {*on_cuda} == {*PRECISIONS}, "csrc/cuda/variants.h has one list of variants per rung"
+
+
+@pytest.mark.skipif(not CSRC.exists(), reason="the sources are not here")
+def test_the_variants_are_those_of_the_header() -> None:
+    """A variant is copied from another one, whose name it may have kept; it would hide that one, or be hidden by it."""
+    listed = re.findall(r"X\((\w+)\)", (CSRC / "cpu/variants.h").read_text().partition("BIGTRI_CPU_VARIANTS(X)")[2])
+    for precision in PRECISIONS:
+        assert [*native.REGISTRY["cpu"][precision]] == listed, precision
+    assert {*COUNTS} == {*listed}, "bigtri/reference/variants has one file per variant of the CPU"
 
 
 @pytest.mark.parametrize("precision", PRECISIONS[1:])

@@ -28,7 +28,24 @@ PATHS: dict[str, dict[str, int]] = {
     "some": {"few": 0, "some": 65536},
     "many": {"few": 0, "some": 0},
 }
+# More values of parameters than their registry names: lists and queues of one, sizes that leave work for a second turn.
+VALUES: dict[str, tuple[int, ...]] = {
+    "entries": (1, 2, 352),
+    "blocks": (0, 1, 3, 1000),
+    "queue": (1, 2, 700),
+    "threshold": (0, 64, 4000, 10**9),
+    "cache": (0, 400_000, 800_000),
+    "few": (0, 1, 64, 65536),
+    "some": (0, 4096, 65536),
+}
 Scissor = tuple[int, int, int, int]
+
+
+def values_of(parameter: native.Parameter) -> tuple[int, ...]:
+    """What the tests set a parameter to: its standard value, and those of `VALUES`, else all that it names, else its
+    lowest."""
+    chosen = VALUES.get(parameter.name) or parameter.only or (parameter.low,)
+    return tuple(dict.fromkeys((parameter.standard, *chosen)))
 
 
 def mixed(rng: np.random.Generator) -> Case:

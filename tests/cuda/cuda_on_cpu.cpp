@@ -290,12 +290,14 @@ cudaError_t cudaMemsetAsync(void* p, int value, size_t bytes, cudaStream_t) {
 }
 void set_order(int v) { order = v; }
 
-// Of parameter i of a variant; null or 0 where there is none.
+// Of parameter i of a variant: its name, or null where there is none; its standard, lowest and highest value; the values
+// allowed, ending with -1, or null for all.
 const char* parameter_name(const char* variant, int i) {
   const bigtri::CudaVariant* v = find_variant(variant);
   return v ? v->parameters[i].name : nullptr;
 }
-int64_t parameter_standard(const char* variant, int i) { return find_variant(variant)->parameters[i].standard; }
+const int64_t* parameter_range(const char* variant, int i) { return &find_variant(variant)->parameters[i].standard; }
+const int64_t* parameter_only(const char* variant, int i) { return find_variant(variant)->parameters[i].only; }
 
 // One image for each of `views`; view: width, height, scissor x0 y0 x1 y1, cull. depth may be null. 0, or what was refused.
 int draw_on_cpu(const char* variant, int32_t views, const float* positions, int64_t vertices, const int32_t* triangles,

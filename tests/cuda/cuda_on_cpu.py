@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import functools
+import itertools
 import os
 import platform
 import re
@@ -26,12 +27,15 @@ import numpy as np
 from cases import Case
 from numpy.typing import NDArray
 
+from bigtri.native import Parameter
+
 HERE = Path(__file__).resolve().parent
 CSRC = HERE.parents[1] / "bigtri/csrc"
 SOURCES = tuple(sorted(file.stem for file in CSRC.glob("cuda/*.cu") if file.stem != "rungs"))
-REGISTRY = dict(re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\) (.*)", (CSRC / "cuda/variants.h").read_text()))
+REGISTRY = dict(re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\)(.*)", (CSRC / "cuda/variants.h").read_text()))
 VARIANTS_OF = {rung: tuple(re.findall(r"X\((\w+)\)", listed)) for rung, listed in REGISTRY.items()}
 VARIANTS = VARIANTS_OF["exact"]
+TOGETHER = ("persistent",)  # their blocks wait for each other, but here one runs after the other: so there is only one
 CULLS = {"none": 0, "back": 1, "front": 2}
 
 # What a host compiler has no words for, and what there is instead: everything else is in cuda_on_cpu.h.
@@ -133,13 +137,18 @@ def kernels(rung: str = "exact") -> ctypes.CDLL:
     return ctypes.CDLL(str(unchanged(rung) / "kernels.so"))
 
 
-def parameters(library: ctypes.CDLL, variant: str) -> dict[str, int]:
-    """The names of a variant's parameters and their standard values, in order."""
+def parameters(library: ctypes.CDLL, variant: str) -> dict[str, Parameter]:
+    """A variant's parameters by name, in order; without what they say of themselves."""
     library.parameter_name.restype = ctypes.c_char_p
-    library.parameter_standard.restype = ctypes.c_int64
-    found = {}
+    library.parameter_range.restype = ctypes.POINTER(ctypes.c_int64)
+    library.parameter_only.restype = ctypes.POINTER(ctypes.c_int64)
+    found: dict[str, Parameter] = {}
     while name := library.parameter_name(variant.encode(), len(found)):
-        found[name.decode()] = library.parameter_standard(variant.encode(), len(found))
+        place = variant.encode(), len(found)
+        standard, low, high = library.parameter_range(*place)[:3]
+        only = library.parameter_only(*place)
+        values = itertools.takewhile(lambda value: value >= 0, map(only.__getitem__, itertools.count())) if only else ()
+        found[name.decode()] = Parameter(name.decode(), "", "", standard, low, high, tuple(values))
     return found
 
 
@@ -153,9 +162,9 @@ def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.
     x0, y0, x1, y1 = job.scissor or (0, 0, width, height)
     cut = [min(max(value, 0), limit) for value, limit in ((x0, width), (y0, height), (x1, width), (y1, height))]
     view = np.array([width, height, *cut, CULLS[job.cull]], np.int32)
-    settings = parameters(library, job.variant)
+    settings = {name: parameter.standard for name, parameter in parameters(library, job.variant).items()}
     settings |= {name: value for name, value in job.settings.items() if name in settings}
-    if job.variant == "persistent":  # its blocks wait for each other, and here one comes after the other
+    if job.variant in TOGETHER:
         settings["blocks"] = 1
     values = np.array([*settings.values()], np.int64)
     positions = np.ascontiguousarray(job.case.positions, np.float32)

@@ -25,12 +25,13 @@ from cuda_bits import (
     needs_cuda,
     poison,
     uploaded,
+    values_of,
 )
 
 import bigtri
 from bigtri import native
 from bigtri.ops.rasterize import CULLS, Visibility
-from bigtri.precision import PRECISIONS
+from bigtri.precision import DEFAULT, PRECISIONS
 
 pytestmark = needs_cuda
 
@@ -249,17 +250,9 @@ def test_triangles_without_vertices_are_all_dropped(variant, path):
 
 # --- Launch settings ---------------------------------------------------------------------------------------------------------
 
-# Values of every parameter that some variant has; None is the standard one. Each by itself, then random combinations, others
-# for every scene.
-SETTINGS: dict[str, tuple[int | None, ...]] = {
-    "few": (None, 0, 1, 64, 65536),
-    "some": (None, 0, 65536),
-    "warps": (0, 4, 8, 16),
-    "blocks": (0, 1, 3, 1000),
-    "entries": (None, 1, 2, 352),
-    "queue": (None, 1, 2, 700),
-    "threshold": (0, 64, 4000, 10**9),
-    "cache": (0, 400_000, 800_000),
+# Each value by itself, then random combinations, others for every scene.
+SETTINGS = {
+    p.name: values_of(p) for v in native.REGISTRY.get("cuda", {}).get(DEFAULT, {}).values() for p in v.parameters.values()
 }
 COMBINATIONS = 100
 
@@ -269,11 +262,7 @@ def combinations(name: str) -> list[dict[str, int]]:
     alone += [{**path, field: value} for path in PATHS.values() for field, values in SETTINGS.items() for value in values]
     rng = np.random.default_rng(list(name.encode()))
     together = [{field: values[rng.integers(len(values))] for field, values in SETTINGS.items()} for _ in range(COMBINATIONS)]
-    return [{field: value for field, value in changes.items() if value is not None} for changes in (*alone, *together)]
-
-
-def test_every_setting_is_tried():
-    assert set(SETTINGS) == {name for v in native.REGISTRY["cuda"]["exact"].values() for name in v.parameters}
+    return [*alone, *together]
 
 
 @pytest.mark.parametrize(

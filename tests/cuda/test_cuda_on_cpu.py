@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import torch
 from cases import CASES, Case
-from cuda_bits import CONSTRUCTIONS, PATHS
-from cuda_on_cpu import VARIANTS, VARIANTS_OF, Job
+from cuda_bits import CONSTRUCTIONS, PATHS, VALUES, values_of
+from cuda_on_cpu import TOGETHER, VARIANTS, VARIANTS_OF, Job
 from exhaustive import exhaustive
 
 import bigtri
@@ -28,17 +28,7 @@ pytestmark = [
 ]
 
 PIXELS = 150_000  # of cases that are not too large
-SETTINGS = {
-    "entries": (1, 2, 352),
-    "warps": (0, 4, 8, 16),
-    "blocks": (0, 1, 3, 1000),
-    "queue": (1, 2, 700, 1 << 18),
-    "threshold": (0, 64, 4000, 10**9),
-    "cache": (0, 400_000, 800_000),
-    "few": (0, 1, 64, 256),
-    "some": (0, 4096, 65536),
-}
-# Ways through the kernels, and with them every value of those settings that choose one.
+# Ways through the kernels, and with them every value of those parameters that choose one.
 WAYS = ({"few": 256}, {"few": 64, "some": 4096}, {"few": 0, "some": 65536}, {"few": 1, "some": 0})
 ODD = (
     "behind_camera",
@@ -83,10 +73,10 @@ def assert_right(jobs: list[Job], first: int = 0) -> None:
     assert not said, said
 
 
-def read_by(variant: str) -> tuple[str, ...]:
-    """Its parameters; not persistent's blocks, of which there is always one here."""
-    names = cuda_on_cpu.parameters(cuda_on_cpu.kernels(), variant)
-    return tuple(name for name in names if (variant, name) != ("persistent", "blocks"))
+def read_by(variant: str) -> dict[str, tuple[int, ...]]:
+    """Values for its parameters; not for the blocks of one of `TOGETHER`, of which there is always one here."""
+    known = cuda_on_cpu.parameters(cuda_on_cpu.kernels(), variant)
+    return {name: values_of(p) for name, p in known.items() if not (variant in TOGETHER and name == "blocks")}
 
 
 def as_read(variant: str, settings: Iterable[dict[str, int]]) -> list[dict[str, int]]:
@@ -99,8 +89,8 @@ def covering(variant: str, rng: np.random.Generator) -> list[dict[str, int]]:
     """Settings in which each value of each one that the variant reads is there with each way through it."""
     rows = []
     for way in as_read(variant, WAYS):
-        free = {field: SETTINGS[field] for field in read_by(variant) if field not in WAYS[-1]}
-        most = max(map(len, free.values()))
+        free = {field: values for field, values in read_by(variant).items() if field not in WAYS[-1]}
+        most = max(map(len, free.values()), default=1)
         columns = {field: rng.permutation(np.resize(values, most)) for field, values in free.items()}
         rows += [{**way, **{field: int(column[n]) for field, column in columns.items()}} for n in range(most)]
     return rows
@@ -138,22 +128,26 @@ def test_launch_settings_change_no_bit(name: str, variant: str) -> None:
 def test_many_launch_settings_change_no_bit(name: str, variant: str) -> None:
     """Any settings together, and each one alone."""
     rng = np.random.default_rng(list(name.encode()))
-    drawn = [{field: int(rng.choice(values)) for field, values in SETTINGS.items()} for _ in range(24)]
-    alone = [{field: value} for field, values in SETTINGS.items() for value in values]
+    own = read_by(variant)
+    drawn = [{field: int(rng.choice(values)) for field, values in own.items()} for _ in range(24)]
+    alone = [{field: value} for field, values in own.items() for value in values]
     assert_right([job(case_of(name), variant, settings) for settings in as_read(variant, (*drawn, *alone))])
 
 
 def test_every_setting_is_tried() -> None:
     library = cuda_on_cpu.kernels()
-    assert set(SETTINGS) == {name for variant in VARIANTS for name in cuda_on_cpu.parameters(library, variant)}
+    known = [p for variant in VARIANTS for p in cuda_on_cpu.parameters(library, variant).values()]
+    assert {*VALUES} <= {p.name for p in known}
+    assert all(p.low <= value <= p.high for p in known for value in values_of(p))
     for variant in VARIANTS:
         rows = covering(variant, np.random.default_rng(0))
         for way in as_read(variant, WAYS):
             there = [row for row in rows if way.items() <= row.items()]
-            for field in set(read_by(variant)) - set(WAYS[-1]):
-                assert {row[field] for row in there} == set(SETTINGS[field]), (variant, way, field)
-    for field in WAYS[-1]:
-        assert {way[field] for way in WAYS if field in way} == set(SETTINGS[field]), field
+            for field, values in read_by(variant).items():
+                if field not in WAYS[-1]:
+                    assert {row[field] for row in there} == set(values), (variant, way, field)
+    for p in known:
+        assert {way[p.name] for way in WAYS if p.name in way} <= {*values_of(p)}, p.name
 
 
 @pytest.mark.parametrize(

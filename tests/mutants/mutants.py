@@ -119,17 +119,22 @@ class Copy:
         for isa in ("avx2", "avx512"):
             (cpu / f"isa_{isa}.cpp").unlink()
         changes = (
-            ("bigtri/csrc/cpu/dispatch.cpp", "defined(__x86_64__)", "0"),
-            ("bigtri/csrc/cpu/kernels.cpp", "defined(__x86_64__)", "0"),
-            # Mutations are of what the rungs share, so the default alone is enough.
-            ("bigtri/csrc/core/precision.h", "X(exact) X(subpixel4)", "X(exact)"),
-            ("bigtri/precision.py", "(EXACT, SUBPIXEL4)", "(EXACT,)"),
+            ("bigtri/csrc/cpu/dispatch.cpp", r"defined\(__x86_64__\)", "0"),
+            ("bigtri/csrc/cpu/kernels.cpp", r"defined\(__x86_64__\)", "0"),
+            # Mutations are of what the rungs share, so the default alone, which is the first, is enough.
+            ("bigtri/csrc/core/precision.h", r"(#define BIGTRI_RUNGS\(X\) X\(\w+\)).*", r"\1"),
+            (
+                "bigtri/precision.py",
+                r"PRECISIONS = .*",
+                "PRECISIONS = tuple(RUNGS)[:1]\nRUNGS = {PRECISIONS[0]: RUNGS[PRECISIONS[0]]}",
+            ),
             ("setup.py", '"-O3"', '"-O1"'),
         )
         for file, old, new in changes:
             text = (root / file).read_text()
-            assert old in text, (file, old)
-            (root / file).write_text(text.replace(old, new))
+            text, count = re.subn(old, new, text)
+            assert count, (file, old)
+            (root / file).write_text(text)
 
     def build(self, isa: str) -> None:
         if isa != self.isa:

@@ -12,6 +12,7 @@ import torch
 from operators import call
 
 from bigtri import native
+from bigtri.precision import DEFAULT, PRECISIONS
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 
@@ -121,7 +122,7 @@ COUNTS = torch.zeros(len(native.COUNTERS), dtype=I64) if native.available() else
 
 
 def rung(s: Source) -> str:
-    return s.pick("exact", "exact", "subpixel4", "")
+    return s.pick(DEFAULT, *PRECISIONS, "")
 
 
 def served(s: Source) -> tuple[Any, ...]:
@@ -141,7 +142,7 @@ def rasterize(s: Source) -> Call:
         width,
         cull,
         scissor,
-        s.pick("bin_owned", "scanline", "auto"),
+        s.pick(*native.VARIANTS["cpu"], "auto"),
         *served(s),
         *buffers,
         s.pick(None, COUNTS),

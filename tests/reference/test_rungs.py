@@ -1,18 +1,22 @@
 """The rungs of the precision ladder: each against the scalar oracle, and against `exact` on the same sub-pixel grid."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from counting import soup
 
-from bigtri.precision import DEFAULT, EXACT, PRECISIONS, RUNGS, SUBPIXEL4, Arithmetic
+from bigtri.precision import DEFAULT, EXACT, PRECISIONS, RUNGS, Arithmetic
 from bigtri.reference import Records, binning, brute_force, depth, rasterize, resolve, scanline, setup, tile_mask
 from bigtri.reference.attributes import barycentrics, interpolate
 
 HEIGHT, WIDTH = 96, 160
 SIZE = 128  # px; a power of two, so that snapped coordinates can be chosen exactly
 BACKGROUND = 2**63 - 1
-COARSER = EXACT.subpixel // SUBPIXEL4.subpixel  # a subpx of subpixel4 in those of exact
+SPECIFICATION = Path(__file__).parents[2] / "docs/numerics.md"
 RUNG = pytest.mark.parametrize("rung", RUNGS.values(), ids=PRECISIONS)
+COARSER_RUNG = pytest.mark.parametrize("rung", [RUNGS[name] for name in PRECISIONS[1:]], ids=PRECISIONS[1:])
 
 
 def random_corners(kind: str, count: int) -> np.ndarray:
@@ -47,9 +51,15 @@ def all_stages(records: Records, threshold: int, rung: Arithmetic) -> tuple[np.n
 
 
 def test_the_rungs_have_the_numbers_of_the_specification() -> None:
-    numbers = {name: (r.name, r.subpixel_bits, r.subpixel, r.half, r.guard) for name, r in RUNGS.items()}
-    assert numbers == {"exact": ("exact", 8, 256, 128, 2**23), "subpixel4": ("subpixel4", 4, 16, 8, 2**19)}
-    assert PRECISIONS == ("exact", "subpixel4") and DEFAULT == "exact"
+    """The table of docs/numerics.md 12: the name, s, h, the exponent of G, and the grid."""
+    row = r"^\| `(\w+)`(, the default)? \| (\d+) \| (\d+) \| 2\^(\d+) \| 1/(\d+) px \|$"
+    rows = re.findall(row, SPECIFICATION.read_text(), re.M)
+    assert tuple(name for name, *_ in rows) == PRECISIONS
+    assert [name for name, default, *_ in rows if default] == [DEFAULT]
+    for name, _, *numbers in rows:
+        s, h, exponent, grid = map(int, numbers)
+        rung = RUNGS[name]
+        assert (s, h, 2**exponent, grid) == (rung.subpixel, rung.half, rung.guard, rung.subpixel), name
 
 
 @RUNG
@@ -97,33 +107,36 @@ def test_snapped_coordinates_reach_just_the_ends_of_the_guard_band(rung: Arithme
         assert records.xy[..., axis].min() == -rung.guard and records.xy[..., axis].max() == rung.guard - 1
 
 
-def test_a_coarser_rung_is_exact_on_a_coarser_grid() -> None:
+@COARSER_RUNG
+def test_a_coarser_rung_is_exact_on_a_coarser_grid(rung: Arithmetic) -> None:
     """The rungs differ in setup alone: every later stage gives the bits that `exact` gives the vertices on its own grid."""
+    ratio = EXACT.subpixel // rung.subpixel
     for kind in ("large", "small", "slivers", "clipped"):
-        records, _ = setup(*soup(random_corners(kind, 80)), HEIGHT, WIDTH, arithmetic=SUBPIXEL4)
-        finer = records._replace(xy=records.xy * COARSER, area=records.area * COARSER**2)
+        records, _ = setup(*soup(random_corners(kind, 80)), HEIGHT, WIDTH, arithmetic=rung)
+        finer = records._replace(xy=records.xy * ratio, area=records.area * ratio**2)
         for threshold in (0, 4000):
-            got, expected = all_stages(records, threshold, SUBPIXEL4), all_stages(finer, threshold, EXACT)
+            got, expected = all_stages(records, threshold, rung), all_stages(finer, threshold, EXACT)
             for a, b in zip(got, expected, strict=True):
                 np.testing.assert_array_equal(a, b)
 
 
-def test_vertices_on_the_coarser_grid_make_the_same_picture_on_both_rungs() -> None:
+@COARSER_RUNG
+def test_vertices_on_the_coarser_grid_make_the_same_picture_on_both_rungs(rung: Arithmetic) -> None:
     rng = np.random.default_rng(32)
-    xy = rng.integers(-SUBPIXEL4.subpixel * 40, SUBPIXEL4.subpixel * (SIZE + 40), (200, 3, 2))
-    positions, triangles = snapped_at(xy, rng.uniform(0, 1, (200, 3)), SUBPIXEL4)
-    images = [rasterize(positions, triangles, SIZE, SIZE, arithmetic=rung)[0] for rung in (EXACT, SUBPIXEL4)]
+    xy = rng.integers(-rung.subpixel * 40, rung.subpixel * (SIZE + 40), (200, 3, 2))
+    positions, triangles = snapped_at(xy, rng.uniform(0, 1, (200, 3)), rung)
+    images = [rasterize(positions, triangles, SIZE, SIZE, arithmetic=a)[0] for a in (EXACT, rung)]
     assert len(np.unique(images[0])) > 1000
     np.testing.assert_array_equal(*images)
 
 
-def test_a_vertex_between_the_points_of_the_coarser_grid_makes_another_picture() -> None:
-    """A left edge 1/256 px to the right of the pixel centres misses them; snapped to 1/16 px it lies on them."""
+@COARSER_RUNG
+def test_a_vertex_between_the_points_of_the_coarser_grid_makes_another_picture(rung: Arithmetic) -> None:
+    """A left edge 1/256 px to the right of the pixel centres misses them; snapped to the rung's grid it lies on them."""
     centre = 20 * 256 + 128
     xy = np.array([[[centre + 1, 0], [centre + 5000, 0], [centre + 1, 20000]]])
     drawn = [
-        rasterize(*snapped_at(xy, np.full((1, 3), 0.5), EXACT), SIZE, SIZE, arithmetic=rung)[0] != BACKGROUND
-        for rung in (EXACT, SUBPIXEL4)
+        rasterize(*snapped_at(xy, np.full((1, 3), 0.5), EXACT), SIZE, SIZE, arithmetic=a)[0] != BACKGROUND for a in (EXACT, rung)
     ]
     assert not drawn[0][:, :21].any() and drawn[0][:70, 21].all()
     assert not drawn[1][:, :20].any() and drawn[1][:70, 20].all()
@@ -147,17 +160,18 @@ def test_every_visible_pixel_finds_its_record(kind: str, rung: Arithmetic) -> No
         assert brute_force.covers(record, x, y, rung)
 
 
-def test_weights_on_a_coarser_rung_are_those_of_exact_on_the_coarser_grid() -> None:
+@COARSER_RUNG
+def test_weights_on_a_coarser_rung_are_those_of_exact_on_the_coarser_grid(rung: Arithmetic) -> None:
     rng = np.random.default_rng(33)
-    xy = rng.integers(-SUBPIXEL4.subpixel * 40, SUBPIXEL4.subpixel * (SIZE + 40), (60, 3, 2))
-    positions, triangles = snapped_at(xy, rng.uniform(0, 1, (60, 3)), SUBPIXEL4)
+    xy = rng.integers(-rung.subpixel * 40, rung.subpixel * (SIZE + 40), (60, 3, 2))
+    positions, triangles = snapped_at(xy, rng.uniform(0, 1, (60, 3)), rung)
     w = rng.choice(np.float32([0.5, 1, 2, 4]), (len(positions), 1))  # powers of two, so that x / w stays what it was
     positions = positions * w
     packed, _ = rasterize(positions, triangles, SIZE, SIZE)
     values = rng.normal(size=(len(positions), 5)).astype(np.float32)
     on_exact, on_coarser = (
-        (barycentrics(packed, positions, triangles, rung), interpolate(packed, positions, triangles, values, rung))
-        for rung in (EXACT, SUBPIXEL4)
+        (barycentrics(packed, positions, triangles, a), interpolate(packed, positions, triangles, values, a))
+        for a in (EXACT, rung)
     )
     assert len(np.unique(on_exact[0])) > 1000
     for a, b in zip(on_exact, on_coarser, strict=True):
@@ -171,5 +185,5 @@ def test_weights_off_the_grid_are_those_of_the_rung() -> None:
     snapped, moved = snapped_at(xy, depths, EXACT), snapped_at(xy + [[3, -5], [-4, 6], [7, 2]], depths, EXACT)
     packed, _ = rasterize(*snapped, SIZE, SIZE)
     expected = barycentrics(packed, *snapped, EXACT)
-    np.testing.assert_array_equal(barycentrics(packed, *moved, SUBPIXEL4), expected)
+    np.testing.assert_array_equal(barycentrics(packed, *moved, RUNGS["subpixel4"]), expected)
     assert (barycentrics(packed, *moved, EXACT) != expected).any()

@@ -1,5 +1,5 @@
 // The registry of variants on the GPU: which are compiled for which rung, the one that "auto" means first. setup.py
-// compiles what is listed here.
+// compiles what is listed here. A list stands on one line: setup.py, .ci/run and tests/cuda/cuda_on_cpu.py read it.
 #pragma once
 
 #define BIGTRI_CUDA_VARIANTS_exact(X) X(bin_owned) X(two_stage) X(persistent)
