@@ -183,16 +183,14 @@ def test_a_difference_is_named(monkeypatch):
 
     places = {"binning": ("bin",), "tile_mask": ("bin", "tile")}
     pixel = ("bin", "tile", "pixel")
-    for op, output in (
-        [("setup", k) for k in range(10)]
-        + [("binning", k) for k in range(2)]
-        + [("tile_mask", 0), ("tile_mask", 1)]
-        + [(op, 0) for op in ("scanline", "depth", "visibility", "rasterize", "barycentrics")]
-    ):
+    for stage, output in ((stage, k) for stage, outputs in verify._OUTPUTS.items() for k in range(len(outputs))):
+        if (stage, output) in (("binning", 2), ("rasterize", 1)):
+            continue  # the case has no small record; what rasterize drops is not what it returns first
+        op = "barycentrics" if stage == "attributes" else stage
         monkeypatch.setattr(torch.ops, "bigtri", Flipped(op, output, bit=0), raising=False)
         found = verify.compare(*case, threshold=64)
-        assert found is not None, (op, output)
-        assert found.stage == {"barycentrics": "attributes"}.get(op, op), found
-        wanted = () if op == "setup" else places.get(op, pixel)
+        assert found is not None, (stage, output)
+        assert found.stage == stage, found
+        wanted = () if stage == "setup" else places.get(stage, pixel)
         assert all(getattr(found, place) is not None for place in wanted), found
         assert found.stage in str(found)
