@@ -158,6 +158,22 @@ def test_flush_to_zero_of_the_caller_changes_nothing():
     assert_same_image(expected.packed, got.packed)
 
 
+def test_flush_to_zero_of_the_caller_does_not_reach_the_depth_stage():
+    case = make("screen_size")
+    records, _ = stages.setup(*case[:2], *case.resolution, backend="reference")
+    records = records._replace(z=np.random.default_rng(2).uniform(1e-42, 1e-38, records.z.shape).astype(np.float32))
+    spans = stages.scanline(records, np.zeros((0, 3), np.int32), np.zeros(0, np.int64), np.arange(len(records.z), dtype=np.int32))
+    expected = stages.depth(records, spans, backend="reference")
+    assert ((expected > 0) & (expected < np.finfo(np.float32).tiny)).any()
+    if not torch.set_flush_denormal(True):
+        pytest.skip("this processor cannot flush denormals")
+    try:
+        got = stages.depth(records, spans, backend="native")
+    finally:
+        torch.set_flush_denormal(False)
+    assert expected.tobytes() == got.tobytes()
+
+
 def test_a_difference_is_named(monkeypatch):
     """One flipped bit in the output of any operator is reported with its stage, bin, tile and pixel."""
     case = make("on_bins")

@@ -57,7 +57,8 @@ struct BinningOutput {
   std::vector<char> kept;
 };
 
-// The stages whose loops are compiled once per instruction set. Whoever calls one that computes with floats sets FloatMode.
+// The stages whose loops are compiled once per instruction set. Whoever calls one that computes with floats sets
+// FloatMode.
 struct StageKernels {
   void (*tile_mask)(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched,
                     int64_t* full);
