@@ -34,7 +34,7 @@ _FIELDS = {
 class Difference(NamedTuple):
     """One place where two backends differ."""
 
-    stage: str  # "setup", "binning", "tile_mask", "scanline", "depth", "visibility", "rasterize" or "attributes"
+    stage: str  # one of ``bigtri.stages``, "rasterize" or "attributes"
     what: str  # the output: a field of Records or Bins, "dropped", "touched", "full", "spans", "depth", "packed", "barycentrics"
     expected: Any
     got: Any

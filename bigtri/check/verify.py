@@ -53,7 +53,7 @@ _OUTPUTS: dict[str, dict[str, tuple[str, tuple[str | int, ...]]]] = {
     "rasterize": {"packed": ("int64", ("H", "W")), "dropped": ("int64", ())},
     "attributes": {"barycentrics": ("float32", ("H", "W", 3))},
 }
-_BY_ITSELF = tuple(_OUTPUTS)[:6]  # the stages that rasterize is made of
+_BY_ITSELF = tuple(stage for stage in _OUTPUTS if stage not in ("rasterize", "attributes"))  # before the whole, one by one
 _SHOWN = 5  # differences of a stage that are written out
 
 
@@ -117,12 +117,12 @@ def differences(
         resolution: (height, width), px.
         cull, scissor, variant: as for ``rasterize``; ``native.using_isa`` around the call chooses the instruction set.
         threshold: of the binning stage, px of bbox.
-        stages: your own callables by name, compared in place of the extension's stages: "setup", "binning", "tile_mask",
-            "scanline", "depth" and "visibility" with the arguments and outputs of ``bigtri.reference``; "rasterize"
-            (positions, triangles, height, width, cull, scissor) -> (packed, dropped) for the whole; and "attributes"
-            (packed, positions, triangles) -> barycentrics float32 [H, W, 3]. Each gets, by position, NumPy arrays that it may
-            write to (``Records`` of them; a scissor of four integers inside the image) and returns NumPy arrays or torch
-            tensors. What is not named here is the extension's, and is not compared where that is not built.
+        stages: your own callables by name, compared in place of the extension's stages: "setup", "binning" and whatever else
+            ``bigtri.stages`` has, with the arguments and outputs of ``bigtri.reference``; "rasterize" (positions, triangles,
+            height, width, cull, scissor) -> (packed, dropped) for the whole; and "attributes" (packed, positions, triangles)
+            -> barycentrics float32 [H, W, 3]. Each gets, by position, NumPy arrays that it may write to (``Records`` of
+            them; a scissor of four integers inside the image) and returns NumPy arrays or torch tensors. What is not named
+            here is the extension's, and is not compared where that is not built.
 
     Raises:
         TypeError, ValueError: an argument of another type, shape or value; no such stage; an output of a callable that is not of

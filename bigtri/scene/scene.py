@@ -114,6 +114,10 @@ DEFAULT_AMBIENT: Vector = (0.16, 0.17, 0.19)
 DEFAULT_BACKGROUND = ((0.52, 0.62, 0.76), (0.86, 0.88, 0.90))
 
 
+# What a scene may have for each of its vertices, and how many numbers of it.
+_OF_VERTICES = {"normals": 3, "uvs": 2, "colors": 3}
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Everything to be drawn, in world space. Arrays are NumPy.
@@ -151,7 +155,7 @@ class Scene:
         self._keep_array("positions", np.float32, "V", 3)
         self._keep_array("triangles", np.int32, "T", 3)
         vertices, faces = len(self.positions), len(self.triangles)
-        for name, channels in (("normals", 3), ("uvs", 2), ("colors", 3)):
+        for name, channels in _OF_VERTICES.items():
             if getattr(self, name) is not None:
                 self._keep_array(name, np.float32, vertices, channels)
         if self.material is None:
@@ -212,7 +216,7 @@ def merge(scenes: Sequence[Scene]) -> Scene:
                 kept.append(material)
         indices.append(np.array([materials[id(material)] for material in own], np.int32)[scene.material])
     joined: dict[str, Any] = {}
-    for name, channels in (("normals", 3), ("uvs", 2), ("colors", 3)):
+    for name, channels in _OF_VERTICES.items():
         given = [getattr(s, name) for s in scenes]
         # Materials without the effect never read the zeros that stand in for it.
         zeros = (np.zeros((len(s.positions), channels), np.float32) for s in scenes)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 import numpy as np
 import pytest
 from backends import BACKENDS
@@ -39,6 +41,11 @@ def arguments() -> dict[str, dict]:
 
 
 VALID = arguments()
+
+
+def test_no_stage_is_missing_here():
+    public = {name for name, value in inspect.getmembers(stages, inspect.isfunction) if value.__module__ == stages.__name__}
+    assert {name for name in public if not name.startswith("_")} == {*VALID}
 
 
 def changed(values: np.ndarray, place, value) -> np.ndarray:

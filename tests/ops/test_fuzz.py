@@ -11,7 +11,7 @@ import pytest
 import torch
 from operators import call
 
-from bigtri import native
+from bigtri import fakes, native
 from bigtri.precision import DEFAULT, PRECISIONS
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
@@ -220,13 +220,11 @@ def encode_srgb(s: Source) -> Call:
     return (s.floats(*shape), s.floats(255), torch.empty(shape, dtype=torch.uint8)), []
 
 
-OPERATORS: tuple[Callable[[Source], Call], ...] = (
-    *(rasterize, setup, binning, tile_mask, scanline, depth, visibility),
-    *(interpolate, barycentrics, sample_texture, lambert, encode_srgb),
-)
+# Each operator's arguments are made by the function of its name.
+MAKERS: list[Callable[[Source], Call]] = [globals()[op] for op in fakes.OPERATORS]
 
 
-@pytest.mark.parametrize("make", OPERATORS, ids=lambda make: make.__name__)
+@pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
 @pytest.mark.filterwarnings("ignore")
 def test_returns_or_raises(make: Callable[[Source], Call]):
     stop, returned, raised = time.monotonic() + SECONDS, 0, 0

@@ -16,6 +16,7 @@ from torch._subclasses import FakeTensorMode
 
 import bigtri
 from bigtri import native, warn
+from bigtri.fakes import OPERATORS
 from bigtri.reference.shading import encode_thresholds
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
@@ -65,10 +66,7 @@ def arguments(op: str) -> tuple:
     }[op]
 
 
-OPS = "rasterize setup binning tile_mask scanline depth visibility interpolate barycentrics sample_texture lambert encode_srgb"
-
-
-@pytest.mark.parametrize("op", OPS.split())
+@pytest.mark.parametrize("op", OPERATORS)
 def test_opcheck(op):
     utilities = ("test_schema", "test_autograd_registration", "test_faketensor", "test_aot_dispatch_dynamic")
     given, named = split(op, arguments(op))
@@ -144,7 +142,7 @@ def test_fake_tensors():
             op(*(value.to("meta") for value in given), backend="reference")
 
 
-@pytest.mark.parametrize("op", OPS.split())
+@pytest.mark.parametrize("op", OPERATORS)
 def test_fakes_take_one_device_and_the_right_ranks(op):
     """A call with one tensor on the meta device never reaches the real operator."""
     given = arguments(op)

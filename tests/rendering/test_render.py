@@ -3,6 +3,7 @@
 import itertools
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from bigtri.scene import Light, Material, from_trimesh, merge
 from bigtri.scene.plan import EVERYTHING, RenderPlan, plan_for
 
 WHITE = (1.0, 1.0, 1.0)
+NOTHING = RenderPlan(**dict.fromkeys(vars(EVERYTHING), False))
 
 
 def quad(half_width=1.0, half_height=1.0, z=0.0, **settings) -> Scene:
@@ -120,11 +122,10 @@ def test_every_plan_that_covers_the_scene_gives_the_same_bits(backend):
 
 def test_plans_name_what_the_scene_calls_for():
     assert plan_for(varied()) == EVERYTHING
-    assert str(EVERYTHING) == "textures, vertex colors, smooth normals, flat normals, two sided, lights"
-    nothing = RenderPlan(*[False] * 6)
-    assert plan_for(quad(lights=())) == nothing and str(nothing) == "no effects"
+    assert str(replace(NOTHING, vertex_colors=True, lights=True)) == "vertex colors, lights"
+    assert plan_for(quad(lights=())) == NOTHING and str(NOTHING) == "no effects"
     ball = from_trimesh(trimesh.creation.icosphere(subdivisions=1))
-    assert plan_for(ball) == RenderPlan(False, False, True, False, False, True)
+    assert plan_for(ball) == replace(NOTHING, smooth_normals=True, lights=True)
     unused = ball.with_(materials=(*ball.materials, Material(vertex_colors=True)), colors=ball.positions)
     assert plan_for(unused) == plan_for(ball)
 
@@ -136,7 +137,7 @@ def test_what_the_plan_does_not_name_is_not_run(monkeypatch):
     for name in ("sample_texture", "lambert", "face_normals", "_back_facing", "interpolate"):
         monkeypatch.setattr(sys.modules["bigtri.rendering.render"], name, never)
     assert render(quad(lights=()), FRONT, (4, 4)).shape == (4, 4, 3)
-    image = render(varied(), VARIED_CAMERAS[0], (30, 40), plan=RenderPlan(*[False] * 6))
+    image = render(varied(), VARIED_CAMERAS[0], (30, 40), plan=NOTHING)
     assert image.shape == (30, 40, 3)
 
 

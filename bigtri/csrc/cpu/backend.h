@@ -57,9 +57,9 @@ struct BinningOutput {
   std::vector<char> kept;
 };
 
-struct Stages {
-  void (*setup)(const CheckedFrame& frame, SetupOutput* out);
-  void (*binning)(const int32_t* xy, const int32_t* bbox, int64_t records, int64_t threshold, BinningOutput* out);
+// The stages whose loops are compiled once per instruction set. Whoever calls one that computes with floats sets
+// FloatMode.
+struct StageKernels {
   void (*tile_mask)(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched,
                     int64_t* full);
   // Spans of one queue entry, or of one small record; returns their number, at most 512 or a row of the image each.
@@ -67,6 +67,12 @@ struct Stages {
   int64_t (*scan_rows)(const int32_t* xy, const int32_t* bbox, int32_t record, int32_t* spans);
   void (*depth)(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count,
                 float* out);
+};
+
+struct Stages {
+  void (*setup)(const CheckedFrame& frame, SetupOutput* out);
+  void (*binning)(const int32_t* xy, const int32_t* bbox, int64_t records, int64_t threshold, BinningOutput* out);
+  const StageKernels& (*kernels)();  // those of the instruction set in use
 };
 
 // --- What reads a visibility buffer

@@ -13,15 +13,6 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-struct StageKernels {
-  void (*tile_mask)(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched,
-                    int64_t* full);
-  int64_t (*scan_tiles)(const int32_t* xy, const int32_t* bbox, const int32_t* entry, uint64_t touched, int32_t* spans);
-  int64_t (*scan_rows)(const int32_t* xy, const int32_t* bbox, int32_t record, int32_t* spans);
-  void (*depth)(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count,
-                float* out);
-};
-
 // What reads a visibility buffer.
 struct AttributeKernels {
   void (*interpolate_row)(const AttributeJob& job, int64_t view, int64_t row, Parent* scratch);

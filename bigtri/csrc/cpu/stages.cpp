@@ -49,28 +49,12 @@ void binning(const int32_t* xy, const int32_t* bbox, int64_t records, int64_t th
   }
 }
 
-void tile_mask(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched,
-               int64_t* full) {
-  current_kernels().stages.tile_mask(xy, bbox, queue, count, touched, full);
-}
-
-int64_t scan_tiles(const int32_t* xy, const int32_t* bbox, const int32_t* entry, uint64_t touched, int32_t* spans) {
-  return current_kernels().stages.scan_tiles(xy, bbox, entry, touched, spans);
-}
-
-int64_t scan_rows(const int32_t* xy, const int32_t* bbox, int32_t record, int32_t* spans) {
-  return current_kernels().stages.scan_rows(xy, bbox, record, spans);
-}
-
-void depth(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count, float* out) {
-  FloatMode mode;
-  current_kernels().stages.depth(xy, z, area, spans, count, out);
-}
+const StageKernels& kernels() { return current_kernels().stages; }
 
 }  // namespace
 
 extern const Stages kStages;
-const Stages kStages = {setup, binning, tile_mask, scan_tiles, scan_rows, depth};
+const Stages kStages = {setup, binning, kernels};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -104,8 +104,8 @@ std::tuple<Tensor, Tensor> tile_mask_op(const Tensor& xy, const Tensor& bbox, co
   check_records("tile_mask", rung, xy, bbox);
   check_queue("tile_mask", queue, xy.size(0));
   Tensor touched = empty({queue.size(0)}, ScalarType::Long), full = empty({queue.size(0)}, ScalarType::Long);
-  rung.stages->tile_mask(const_data<int32_t>(xy), const_data<int32_t>(bbox), const_data<int32_t>(queue), queue.size(0),
-                         data<int64_t>(touched), data<int64_t>(full));
+  rung.stages->kernels().tile_mask(const_data<int32_t>(xy), const_data<int32_t>(bbox), const_data<int32_t>(queue),
+                                   queue.size(0), data<int64_t>(touched), data<int64_t>(full));
   return {touched, full};
 }
 
@@ -117,19 +117,20 @@ Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, co
   check_queue(op, queue, xy.size(0));
   check(op, "touched", touched, ScalarType::Long, {queue.size(0)}, "int64 [Q]");
   check(op, "small", small, ScalarType::Int, {-1}, "int32 [M]");
+  const StageKernels& kernels = rung.stages->kernels();
   const int32_t *v = const_data<int32_t>(xy), *b = const_data<int32_t>(bbox);
   // `some` holds the most that one call writes: 512 spans of a bin, or one for each row of the image.
   std::vector<int32_t> spans, some(4 * kMaxSize);
   for (int64_t i = 0; i < queue.size(0); ++i) {
     const int32_t* entry = const_data<int32_t>(queue) + 3 * i;
-    const int64_t n = rung.stages->scan_tiles(v + 6 * (int64_t)entry[0], b + 4 * (int64_t)entry[0], entry,
-                                              (uint64_t)const_data<int64_t>(touched)[i], some.data());
+    const int64_t n = kernels.scan_tiles(v + 6 * (int64_t)entry[0], b + 4 * (int64_t)entry[0], entry,
+                                         (uint64_t)const_data<int64_t>(touched)[i], some.data());
     spans.insert(spans.end(), some.begin(), some.begin() + 4 * n);
   }
   for (int64_t i = 0; i < small.size(0); ++i) {
     const int32_t record = const_data<int32_t>(small)[i];
     check_record(op, "small", record, xy.size(0));
-    const int64_t n = rung.stages->scan_rows(v + 6 * (int64_t)record, b + 4 * (int64_t)record, record, some.data());
+    const int64_t n = kernels.scan_rows(v + 6 * (int64_t)record, b + 4 * (int64_t)record, record, some.data());
     spans.insert(spans.end(), some.begin(), some.begin() + 4 * n);
   }
   return copied(spans, {(int64_t)spans.size() / 4, 4}, ScalarType::Int);
@@ -149,8 +150,9 @@ Tensor depth_op(const Tensor& xy, const Tensor& z, const Tensor& area, const Ten
                  " subpx^2 and positive, got ", given);
   }
   Tensor out = empty({check_spans(op, spans, xy.size(0))}, ScalarType::Float);
-  rung.stages->depth(const_data<int32_t>(xy), const_data<float>(z), const_data<int64_t>(area),
-                     const_data<int32_t>(spans), spans.size(0), data<float>(out));
+  FloatMode mode;
+  rung.stages->kernels().depth(const_data<int32_t>(xy), const_data<float>(z), const_data<int64_t>(area),
+                               const_data<int32_t>(spans), spans.size(0), data<float>(out));
   return out;
 }
 
