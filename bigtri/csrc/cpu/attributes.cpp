@@ -1,4 +1,5 @@
-// What reads a visibility buffer and depends on where vertices lie: the rows of all views; compiled once per rung.
+// The attribute pass: interpolates attributes at every pixel of a visibility buffer, row by row over threads. The
+// binding calls it through CpuRung::interpolate. Compiled once per rung, because it sets up the triangles again.
 
 #include <algorithm>
 

@@ -1,4 +1,6 @@
-// What reads a visibility buffer: interpolation, textures, shading; compiled once per instruction set.
+// The kernels that read a visibility buffer or values per pixel: a row of the attribute pass (called by
+// attributes.cpp), textures, Lambert shading and sRGB encoding (called by shading.cpp). Compiled once per instruction
+// set.
 #pragma once
 
 #include "kernels.h"
@@ -8,6 +10,7 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
+// Sets up triangle `triangle` for barycentrics. False if one of its indices names no vertex.
 bool load_parent(const AttributeJob& job, const float* positions, int64_t triangle, Parent* parent) {
   float v[3][4];
   Vertex projected[3];
@@ -21,11 +24,12 @@ bool load_parent(const AttributeJob& job, const float* positions, int64_t triang
   return true;
 }
 
-// A record in one row of the image: edge k is start + step * x at pixel x, integers below 2^53 and so exact, and covers the pixel from `least` on.
+// A record in one row of the image. e_k at pixel x is start[k] + step[k] * x: integers below 2^53, so float64 is exact.
+// Edge k has the pixel inside if e_k >= least[k], which is 0 if the edge owns the samples on it, else 1.
 struct RowRecord {
   int record = -1;
   double start[3] = {}, step[3] = {}, least[3] = {};
-  const float* source[3] = {};  // attributes of the corners, where there are any
+  const float* source[3] = {};  // attributes of the corner that barycentric k belongs to; null without attributes
 };
 
 void begin_record(const AttributeJob& job, const float* attributes, const Parent& parent, int record, int64_t triangle,
@@ -42,7 +46,8 @@ void begin_record(const AttributeJob& job, const float* attributes, const Parent
   }
 }
 
-// Eight pixels from x on, of which n are wanted, all of one record. Where the record does not cover a pixel, the buffer came from another drawing: zeros.
+// Computes the pixels x to x + 7, all of one record, and writes the first n. A pixel that the record does not cover
+// gets zeros: its visibility buffer was drawn from another mesh.
 void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowRecord& row, int64_t x, int n,
                        float* out) {
   f64x8 e[3], b[3];
@@ -63,7 +68,7 @@ void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowR
   }
 }
 
-// Pixels [x, end) of a row, all of one triangle. A clipped triangle's records take turns along the row.
+// Pixels [x, end) of a row, all of one triangle. A clipped triangle has several records along the row.
 void interpolate_run(const AttributeJob& job, const float* attributes, const Parent& parent, int64_t triangle,
                      int64_t y, int64_t x, int64_t end, float* out) {
   RowRecord row;
@@ -87,7 +92,8 @@ void interpolate_run(const AttributeJob& job, const float* attributes, const Par
   }
 }
 
-// Runs of one triangle share its set-up; scratch keeps it from run to run.
+// One row of the attribute pass. Neighbouring pixels of one triangle form a run. `parent` is the caller's memory; it
+// holds the triangle of the last run, which is not set up again if the next run has it too.
 void stage_interpolate_row(const AttributeJob& job, int64_t view, int64_t y, Parent* parent) {
   const int64_t first = (view * job.height + y) * job.width;
   const int64_t* row = job.packed + first;
@@ -126,7 +132,8 @@ void stage_lambert(const float* normals, const float* albedo, const float* ambie
 }
 
 void stage_encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out) {
-  // What k/4096 encodes to, to count on from: in the dark, where thresholds are densest, hardly one lies between one k and the next.
+  // start[k] is the code of k/4096. The search for a value begins at the start below it and counts thresholds upwards.
+  // Even in the dark, where thresholds are densest, hardly one lies between one k and the next.
   constexpr int kSteps = 4096;
   uint8_t start[kSteps + 1];
   for (int k = 0; k <= kSteps; ++k) start[k] = encode_srgb((float)k / kSteps, thresholds, k ? start[k - 1] : 0);

@@ -1,4 +1,5 @@
-// What the CPU backend offers to the binding: instruction sets, and for each rung its variants, its stages one by one, and what reads a visibility buffer. Torch-free, and free of any rung.
+// The CPU backend as the binding (csrc/torch) sees it: the instruction sets, and for each rung its variants, its stages
+// one by one and its attribute pass; textures and shading for all rungs. It depends neither on torch nor on a rung.
 #pragma once
 
 #include <string>
@@ -17,31 +18,33 @@ namespace bigtri {
 enum class Isa { kBaseline, kAvx2, kAvx512 };
 
 const char* name_of(Isa isa);
-// False where there is none of that name or the machine lacks it.
+// False if no instruction set has that name, or the machine lacks it.
 bool find_isa(const std::string& name, Isa* isa);
+// The instruction set of the whole process (dispatch.cpp).
 Isa current_isa();
 void use_isa(Isa isa);
 
 // --- Variants
 
-// A frame whose every index lies in [lowest, highest], which lie within the vertices; lowest > highest: no triangles.
+// A frame whose vertex indices have been checked: all lie in [lowest, highest], and these name vertices. Without
+// triangles lowest > highest.
 struct CheckedFrame : Frame {
   int64_t lowest, highest;
 };
 
-// Smallest and largest index; (INT32_MAX, INT32_MIN) for none.
+// Smallest and largest of count indices; (INT32_MAX, INT32_MIN) if count is 0.
 void index_range(const Parallel& parallel, const int32_t* indices, int64_t count, int64_t* lowest, int64_t* highest);
 
-// A way to schedule the work. Variants never differ in a bit; each is one file and its name in variants.h.
+// A way to schedule the work. All variants give the same bits. A variant is one file and its name in variants.h.
 struct Variant {
   const char* name;
-  const char* paper;  // where the design is from
-  const Parameter* parameters;
-  // Writes every pixel of every view, and dropped. values: one for each parameter.
+  const char* paper;  // source of the design
+  const Parameter* parameters;  // ends with a null name
+  // Writes every pixel of every view, and dropped. values: one for each parameter, in their order.
   void (*draw)(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values);
 };
 
-// --- Stages by themselves, on the layout of docs/architecture.md
+// --- Stages one by one. Shapes and meaning of the arrays: docs/architecture.md, Stages; docs/numerics.md, 2.4.
 
 struct SetupOutput {
   std::vector<int32_t> triangle, xy, bbox, corner;
@@ -57,12 +60,13 @@ struct BinningOutput {
   std::vector<char> kept;
 };
 
-// The stages whose loops are compiled once per instruction set. Whoever calls one that computes with floats sets
-// FloatMode.
+// The stages whose loops are compiled once per instruction set. The caller of `depth`, which computes with floats, sets
+// FloatMode (parallel.h).
 struct StageKernels {
   void (*tile_mask)(const int32_t* xy, const int32_t* bbox, const int32_t* queue, int64_t count, int64_t* touched,
                     int64_t* full);
-  // Spans of one queue entry, or of one small record; returns their number, at most 512 or a row of the image each.
+  // Write the spans of one queue entry, or of one small record, and return their number. An entry has at most 512 (64
+  // tiles of 8 rows), a small record one per row of its bbox. xy and bbox are those of the one record.
   int64_t (*scan_tiles)(const int32_t* xy, const int32_t* bbox, const int32_t* entry, uint64_t touched, int32_t* spans);
   int64_t (*scan_rows)(const int32_t* xy, const int32_t* bbox, int32_t record, int32_t* spans);
   void (*depth)(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count,
@@ -72,37 +76,37 @@ struct StageKernels {
 struct Stages {
   void (*setup)(const CheckedFrame& frame, SetupOutput* out);
   void (*binning)(const int32_t* xy, const int32_t* bbox, int64_t records, int64_t threshold, BinningOutput* out);
-  const StageKernels& (*kernels)();  // those of the instruction set in use
+  const StageKernels& (*kernels)();  // of the instruction set in use
 };
 
-// --- What reads a visibility buffer
+// --- The attribute pass: interpolates vertex attributes at the pixels of a visibility buffer
 
 struct AttributeJob {
-  const int64_t* packed;  // [views, H, W]
-  const float* positions;  // [views, V, 4]
+  const int64_t* packed;  // [views, H, W], the visibility buffer
+  const float* positions;  // [views, V, 4], clip space
   int64_t vertices;  // V
-  const int32_t* triangles;  // [T, 3]
+  const int32_t* triangles;  // [T, 3], vertex indices; not checked
   int64_t triangle_count;  // T
   int64_t views;
-  int height, width;
-  const float* attributes;  // [V, C] or [views, V, C], or null: the barycentrics of the parent's corners
-  int64_t attribute_view;  // floats from one view's attributes to the next one's; 0 where all share them
-  int64_t channels;  // C, or 3
-  float* out;  // [views, H, W, channels]
+  int height, width;  // px
+  const float* attributes;  // [V, C] or [views, V, C]; null: out gets the barycentrics of the parent's three corners
+  int64_t attribute_view;  // floats from one view's attributes to the next view's; 0 if all views share them
+  int64_t channels;  // C; 3 for barycentrics
+  float* out;  // [views, H, W, channels]; 0 on the background
 };
 
 // --- Rungs
 
 struct CpuRung {
   const char* name;
-  int32_t guard;  // X and Y lie in [-guard, guard), subpx
-  const Variant* const* variants;  // the one that "auto" means first; ends with null
-  const Variant* const* counting;  // the same, with counters
+  int32_t guard;  // snapped coordinates lie in [-guard, guard), subpx
+  const Variant* const* variants;  // the first is "auto"; ends with null
+  const Variant* const* counting;  // the same variants, compiled with counters
   const Stages* stages;
   void (*interpolate)(const AttributeJob& job, const Parallel& parallel);
 };
 
-// All of them, the default first; ends with a null name.
+// All rungs, the default first; ends with a null name.
 extern const CpuRung kCpuRungs[];
 
 // --- Textures and shading, the same for every rung

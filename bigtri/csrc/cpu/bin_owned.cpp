@@ -1,5 +1,10 @@
-// The bin-owned variant, arranged from the per-ISA kernels: project every vertex once, then batch by batch set up, bin and draw (bin_owned.inl). Views are part of the bin index, so a batch of
-// small views is as much work at a time as one large view. Batches bound the memory; nothing is ever left out.
+// The bin_owned variant: calls the kernels of bin_owned.h over threads, from clip-space vertices to the image.
+// The binding calls draw() through the registry (variants.cpp). It writes packed, depth and dropped of every view.
+//
+// Views are drawn in groups; a group's vertices are projected once. Its triangles are cut into chunks, and chunks form
+// batches: the records of a batch are held at once. A pass sorts records of a batch into bin lists and draws the bins.
+// Groups, batches and passes bound the memory; no triangle is left out. Bins are numbered through all views, so that
+// many small views keep the threads as busy as one large view does.
 
 #include <algorithm>
 #include <atomic>
@@ -14,43 +19,45 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr int64_t kMaxChunk =
-    4096;  // triangles; even if all are clipped to the most sub-triangles, one chunk fits a batch
+// Triangles of a chunk. A chunk fits a standard batch even if each of its triangles is clipped to kMaxSubTriangles.
+constexpr int64_t kMaxChunk = 4096;
 constexpr int64_t kStandardRecords = 1 << 18, kStandardCandidates = 1 << 23;
 static_assert(kMaxChunk * kMaxSubTriangles <= kStandardRecords, "a chunk fits a batch");
 
-// How much a batch may hold at once: what bounds the memory. More only takes more batches; one chunk of triangles and one record always go through.
+// Bounds on memory: records of a batch, candidates of a pass. More of them take more batches and passes. A batch takes
+// one chunk at least, and a pass takes one record at least, so small bounds cannot stop a drawing.
 constexpr Parameter kParameters[] = {
-    // An entry has 30 bits for its record.
+    // An entry has 30 bits for its record's slot (kEntryShift).
     {"records", "records", "(sub)triangles set up at once, 96 bytes each", kStandardRecords, 1, int64_t{1} << 30},
-    // A list begins at a place of 32 bits.
+    // list_begin is uint32.
     {"candidates", "bins", "bins that the records of a pass touch by their bounding boxes, 12 bytes each",
      kStandardCandidates, 1, UINT32_MAX},
     {},
 };
 enum { kRecords, kCandidates };
 
-// Records a thread after which no further view joins a batch: 1.5 MB, what the cache of one core holds. With more of
-// them, setting up and drawing the records of many small views takes 10 % longer.
+// Slots per thread from which on no further view joins a batch: 1.5 MB of records, which the cache of one core holds.
+// With larger batches, setting up and drawing many small views takes 10 % longer.
 constexpr int64_t kRecordsToJoin = 1 << 14;
-// What is projected at once, 16 bytes each; one view always is.
+// Vertices of a group, 16 bytes each. A group has one view at least, however many vertices that has.
 constexpr int64_t kGroupVertices = 1 << 20;
-// Counters of the sort, 4 bytes each: a chunk of the records has one for each bin.
+// Counters of the counting sort, 4 bytes each. Every run of records that a pass counts has one per bin.
 constexpr int64_t kMostCounts = 1 << 23;
 
 template <class T>
-std::unique_ptr<T[]> allocate(int64_t n) {  // not initialised
+std::unique_ptr<T[]> allocate(int64_t n) {  // uninitialised
   return std::unique_ptr<T[]>(new T[(size_t)std::max<int64_t>(n, 1)]);
 }
 
-// A run of triangles of one view and the slots reserved for their records.
+// A run of triangles of one view, and the slots of the batch that are reserved for its records.
 struct Chunk {
-  int64_t view;  // within the group
-  int64_t begin, end;  // triangles
-  int64_t slot, slots, used;  // records
-  int64_t dropped;
+  int64_t view;               // within the group
+  int64_t begin, end;         // triangles, half-open
+  int64_t slot, slots, used;  // first slot, slots reserved, slots that got a record
+  int64_t dropped;            // triangles
 };
 
+// Upper bound on the records of triangles [begin, end): one of a triangle that is not clipped, else kMaxSubTriangles.
 int64_t slots_needed(const SetupJob& job, int64_t begin, int64_t end) {
   int64_t n = 0;
   for (int64_t t = begin; t < end; ++t) {
@@ -84,15 +91,16 @@ class Drawing {
     const int64_t together = std::clamp<int64_t>(used ? kGroupVertices / used : 0, 1, std::max(frame_.views, 1));
     for (int64_t view = 0; used && view < frame_.views; view += together)
       draw_group(view, std::min<int64_t>(together, frame_.views - view), used);
-    raster(frame_.views, nullptr, nullptr);  // views that no triangle has touched still have to be written
+    raster(frame_.views, nullptr, nullptr);  // background of the views that no pass has begun
     counts_.publish(frame_.counters);
   }
 
  private:
-  // The views [first, first + views), whose vertices are projected at once.
+  // Draws the group of views [first, first + views). used: vertices from the lowest index in use to the highest.
   void draw_group(int64_t first, int64_t views, int64_t used) {
     const auto vertices = allocate<Vertex>(views * used);
-    const int64_t pieces = std::clamp<int64_t>(4 * parallel_.threads / views, 1, used / 4096 + 1);  // of a view
+    // A view's vertices are projected in pieces, some 4 per thread in all.
+    const int64_t pieces = std::clamp<int64_t>(4 * parallel_.threads / views, 1, used / 4096 + 1);
     parallel_(views * pieces, [&](int64_t i) {
       const int64_t view = i / pieces, piece = i % pieces, begin = used * piece / pieces,
                     end = used * (piece + 1) / pieces;
@@ -104,6 +112,7 @@ class Drawing {
                       frame_.view};
     };
 
+    // Some 8 chunks per thread, of 64 to kMaxChunk triangles, and of no more than a batch has slots.
     const int64_t count = frame_.count,
                   size = std::min(most_records_,
                                   std::clamp<int64_t>(views * count / (8 * parallel_.threads), 64, kMaxChunk));
@@ -115,6 +124,7 @@ class Drawing {
       chunks[c].slots = slots_needed(job_of(view), begin, chunks[c].end);
     });
 
+    // One batch: the chunks [begin, end).
     for (size_t begin = 0; begin < chunks.size();) {
       size_t end = begin;
       int64_t slots = 0;
@@ -134,7 +144,7 @@ class Drawing {
                                 &k.dropped);
         std::fill(candidates.get() + k.slot + k.used, candidates.get() + k.slot + k.slots, 0u);
       });
-      // Where each view's records begin.
+      // First slot of each view of the batch; the last element ends the last view.
       std::vector<int64_t> view_begin;
       const int64_t first_view = first + chunks[begin].view;
       for (size_t i = begin; i < end; ++i) {
@@ -150,7 +160,8 @@ class Drawing {
 
   const float* positions(int64_t view) const { return frame_.positions + view * frame_.vertices * 4; }
 
-  // Draws the records that have candidates, in as many passes as their bins need. Those of view first_view + v stand in the slots [view_begin[v], view_begin[v + 1]).
+  // Draws a batch, in as many passes as most_candidates_ asks for. The records of view first_view + v are in the slots
+  // [view_begin[v], view_begin[v + 1]). A slot without candidates has no record.
   void draw_records(const Record* records, const uint32_t* candidates, int64_t first_view,
                     const std::vector<int64_t>& view_begin) {
     const int64_t count = view_begin.back();
@@ -169,7 +180,11 @@ class Drawing {
     }
   }
 
-  // A counting sort of (record, bin) pairs by bin: count per chunk, place, scatter. Chunks keep the order of the records, so lists do not depend on the threads.
+  // Sorts the records in slots [begin, end) into bin lists and draws the bins of their views. total: their candidates.
+  // The sort is a counting sort of (bin, entry) pairs. The slots are cut into runs of about equal candidates, here
+  // called chunks. Count: each chunk writes its pairs and counts them per bin. Place: running sums turn the counts into
+  // places in `entries`. Scatter: each chunk copies its entries there. Places follow the order of the chunks, so the
+  // lists do not depend on the threads.
   void pass(const Record* records, const uint32_t* candidates, int64_t begin, int64_t end, int64_t total,
             int64_t first_view, int64_t views, const int64_t* view_begin) {
     const int64_t bins = views * job_.bins;
@@ -193,7 +208,8 @@ class Drawing {
     parallel_(chunks, [&](int64_t c) {
       used[c] = kernels_.bin(job, bounds[c], bounds[c + 1], pairs.get() + pair_begin[c], counts.data() + c * bins);
     });
-    // Views that no earlier pass has written, and that have no records in this one, are written with it.
+    // Bins of views that no pass has begun and that come before this pass. Their lists are empty; they are drawn with
+    // this pass, as background.
     const int64_t ahead = std::max<int64_t>(0, first_view - job_.begun_views) * job_.bins;
     std::vector<uint32_t> list_begin(ahead + bins + 1);
     uint32_t at = 0;
@@ -218,7 +234,8 @@ class Drawing {
     raster(first_view + views, entries.get(), list_begin.data());
   }
 
-  // Draws the bins from first_bin on, those of the views below end_view; without lists, the background of all that have not been begun.
+  // Draws the bins from job_.first_bin on, up to view end_view. If list_begin is null, it writes background to all
+  // views below end_view that no pass has begun.
   void raster(int64_t end_view, const uint32_t* entries, const uint32_t* list_begin) {
     std::vector<uint32_t> none;
     if (!list_begin) {
@@ -228,13 +245,13 @@ class Drawing {
     }
     job_.entries = entries;
     job_.list_begin = list_begin;
-    // First come, first served: a worker that had a crowded bin takes fewer of them.
+    // Workers take bins one by one: a worker that got a crowded bin takes fewer of them.
     std::atomic<int64_t> next{job_.first_bin};
     const int64_t end = end_view * job_.bins, workers = std::min<int64_t>(parallel_.threads, end - job_.first_bin);
     if (workers > 0)
       parallel_(workers, [&](int64_t worker) {
         char* scratch = scratch_.get() + worker * kScratchBytes;
-        scratch += -(uintptr_t)scratch & 63;
+        scratch += -(uintptr_t)scratch & 63;  // up to the next multiple of 64 bytes
         for (int64_t b; (b = next.fetch_add(1, std::memory_order_relaxed)) < end;)
           kernels_.raster_bin(job_, b, scratch);
       });
@@ -244,9 +261,9 @@ class Drawing {
   const CheckedFrame& frame_;
   const BinOwnedKernels& kernels_;
   const Parallel& parallel_;
-  const int64_t most_records_, most_candidates_;
-  RasterJob job_;
-  std::unique_ptr<char[]> scratch_;
+  const int64_t most_records_, most_candidates_;  // of a batch; of a pass
+  RasterJob job_;                                 // of the pass that is drawn
+  std::unique_ptr<char[]> scratch_;               // kScratchBytes per worker, and 64 to align the first
   Counts counts_;
 };
 

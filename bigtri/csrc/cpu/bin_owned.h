@@ -1,4 +1,6 @@
-// The bin-owned variant's kernels and the data that they and bin_owned.cpp share.
+// The kernels of the bin_owned variant and the data that they share with bin_owned.cpp, which calls them in this order:
+// project, setup, bin, raster_bin. The kernels are compiled once per instruction set (setup.inl, binning.inl,
+// bin_owned.inl); this file once per rung.
 #pragma once
 
 #include "../core/record.h"
@@ -6,52 +8,59 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// A bin's list holds entries of (record << 2 | small << 1 | full); full: every centre of the bin is inside the record's triangle.
+// An entry of a bin list is slot << 2 | small << 1 | full. small: the record takes the direct path, without tiles.
+// full: no edge has a pixel centre of the bin outside. It is set only for large records.
 constexpr uint32_t kEntryFull = 1, kEntrySmall = 2;
 constexpr int kEntryShift = 2;
 struct BinPair {
-  uint32_t bin, entry;
+  uint32_t bin, entry;  // bin counts from the first bin of the pass's first view
 };
 
-// Triangles of one view.
+// The triangles of one view, for setup.
 struct SetupJob {
-  const float* positions;    // [V, 4]
-  const int32_t* triangles;  // [T, 3]
-  const Vertex* vertices;    // projected; vertices[0] is vertex first_vertex
-  int64_t first_vertex;
+  const float* positions;  // [V, 4], clip space
+  const int32_t* triangles;  // [T, 3], vertex indices
+  const Vertex* vertices;  // projected; element 0 is vertex first_vertex
+  int64_t first_vertex;  // lowest index in use
   Viewport view;
 };
 
-// Records of several views, in the order of the views: those of view v stand in the slots [view_begin[v], view_begin[v + 1]).
+// The records of several views, for binning. Those of view v are in the slots [view_begin[v], view_begin[v + 1]).
 struct BinJob {
   const Record* records;
-  const uint32_t* candidates;  // bins that each record's bbox touches; 0 for a slot without a record
+  const uint32_t* candidates;  // bins that the record's bbox touches; 0: the slot has no record
   const int64_t* view_begin;
-  int bins_x, bins;            // across, and of a view
+  int bins_x, bins;  // bins across a view, bins of a view
 };
 
+// The bin lists of a pass, for drawing.
 struct RasterJob {
   const Record* records;
-  const uint32_t* entries;     // all lists, one after the other
-  const uint32_t* list_begin;  // of the bins from first_bin on
-  int64_t first_bin;           // bins are counted through all views
-  int64_t begun_views;         // views below have pixels already; in the others a bin starts from the background
-  int bins_x, bins;            // across, and of a view
-  Viewport view;
-  int64_t* packed;  // [views, H, W]
-  float* depth;     // [views, H, W] or null
+  const uint32_t* entries;  // all bin lists, one after the other
+  const uint32_t*
+      list_begin;  // bin b's list is entries[list_begin[i]] to entries[list_begin[i + 1]], i = b - first_bin
+  int64_t first_bin;  // bins are numbered through all views
+  int64_t begun_views;  // views below it have been stored; a bin of any other view starts as background
+  int bins_x, bins;  // bins across a view, bins of a view
+  Viewport view;  // the same for every view
+  int64_t* packed;  // out: [views, H, W]
+  float* depth;  // out: [views, H, W] or null
 };
 
-// Memory of one worker for one bin at a time; defined by the build that uses it.
+// Bytes of a worker's scratch memory. Its layout, struct Scratch in bin_owned.inl, depends on the instruction set.
 constexpr int64_t kScratchBytes = 128 * 1024;
 
 struct BinOwnedKernels {
+  // Projects and snaps vertices [begin, end) to out[0], out[1], ...
   void (*project)(const float* positions, int64_t begin, int64_t end, int width, int height, Vertex* out);
-  // Triangles [begin, end) to records; returns their number. candidates[i]: bins that record i's bbox touches.
+  // Turns triangles [begin, end) into records and returns their number. candidates[i]: bins that record i's bbox
+  // touches.
   int64_t (*setup)(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates,
                    int64_t* dropped);
-  // Records in the slots [begin, end) to pairs, bins counted from the first view's; counts[bin] goes up by one for each. Returns the number of pairs.
+  // Writes a pair for each bin that a record in slots [begin, end) enters, and adds 1 to counts[bin]. Returns the
+  // number of pairs, which is at most the sum of candidates.
   int64_t (*bin)(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts);
+  // Draws one bin and stores its pixels. bin is numbered through all views; scratch is 64-byte aligned.
   void (*raster_bin)(const RasterJob& job, int64_t bin, void* scratch);
 };
 

@@ -1,6 +1,9 @@
-// The bin-owned variant: one worker owns a 64x64 px bin at a time, keeps it in cache while every triangle of its list touches it, and writes each pixel to the frame once.
-// No clear, no atomics, no order. Hidden surfaces are rejected without sorting: what covers a bin (or a tile) completely bounds the depth behind which nothing can be seen,
-// and the bounds are gathered before anything is drawn. Compiled once per instruction set.
+// Draws one bin of the bin_owned variant: raster_bin, called by bin_owned.cpp. Compiled once per instruction set. A
+// worker owns a 64x64 px bin at a time. It keeps the bin's pixels in its cache, draws every entry of the bin list into
+// them, and stores each pixel once. So there is no clear and no atomic operation, and the order of entries is free.
+// Hidden surfaces are rejected without sorting. A record that covers a bin (or a tile) completely gives a depth bound:
+// nothing behind the record's farthest depth there can be seen. Bounds are gathered before pixels are drawn. All tests
+// against a bound are strict: a fragment of the same depth may win by its lower triangle index.
 #pragma once
 
 #include "depth.inl"
@@ -11,26 +14,32 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr int kBlock = 96;  // large records drawn together: enough for their common depth bounds to hide most of them
+// Large records whose depth bounds are gathered before any of them is drawn: enough for the bounds to hide most of
+// them.
+constexpr int kBlock = 96;
 
+// A large record within the bin.
 struct Large {
   CellDepth depth;
   NarrowEdge edge[3];
-  uint64_t touched, full;
-  float nearest;  // over the bin
+  uint64_t touched, full;  // tiles, bit 8 * row + column
+  float nearest;           // nearest depth over the bin
 };
 
-// Pixels of the bin, row by row; the small path reads and writes up to seven pixels past a row's end, which changes nothing there.
+// A worker's memory. pixels: packed values of the bin, row by row. The direct path of small records loads and stores
+// eight pixels, so it reaches up to seven past the end of a row and writes them back unchanged; hence the 8 more
+// elements.
 struct Scratch {
   alignas(64) int64_t pixels[kBin * kBin + 8];
-  float tile_far[64];  // behind this depth nothing of the tile can be seen
+  float tile_far[64];  // depth bound of each tile: nothing behind it can be seen
   Large block[kBlock];
 };
 static_assert(sizeof(Scratch) <= kScratchBytes, "scratch");
 
+// Draws the visible tiles of a large record. Tiles that it fills need no coverage; the others are drawn by row.
 template <bool kThin, bool kFar>
 BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels) {
-  const CellDepth d = l.depth;  // a copy, so that stores to pixels cannot change it
+  const CellDepth d = l.depth;  // a copy: the compiler need not reload it after each store to pixels
   PlaneTable table;
   if (!kThin) plane_table(d, &table);
   for (uint64_t full = visible & l.full; full; full &= full - 1) {
@@ -40,7 +49,8 @@ BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels)
   }
   visible &= ~l.full;
   if (!visible) return;
-  // Rows of partly covered tiles: first a list of them, without branches that depend on the coverage, then one loop over it.
+  // Rows of partly covered tiles. The first loop lists them without a branch on the coverage, the second draws them. An
+  // item is (index of the row's first pixel in the bin) << 8 | coverage of its eight pixels.
   const NarrowEdge edge[3] = {l.edge[0], l.edge[1], l.edge[2]};
   i32x16 offset[3];
   for (int k = 0; k < 3; ++k) offset[k] = lanes(0, edge[k].sx, edge[k].sy);
@@ -56,6 +66,7 @@ BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels)
   }
 }
 
+// Chooses the depth arithmetic once per record.
 BIGTRI_INLINE void draw_large(const Large& l, uint64_t visible, int64_t* pixels) {
   if (l.depth.thin) {
     if (l.depth.far)
@@ -69,12 +80,14 @@ BIGTRI_INLINE void draw_large(const Large& l, uint64_t visible, int64_t* pixels)
   }
 }
 
-// Draws the block: first the depth bounds of every tile that some record covers completely, then what is not behind them.
+// Draws a block of large records. First it gathers the depth bound of every tile that a record of the block fills. Then
+// it draws the tiles of each record that are not behind the bounds of the bin and of the tile. A far record gives no
+// bound: fragments with z > 1 are dropped, so it may leave pixels open.
 void draw_block(Scratch* s, int count, float bin_far) {
   uint64_t bounded = 0;
   for (int i = 0; i < count; ++i) {
     Large& l = s->block[i];
-    l.touched = l.nearest > bin_far ? 0 : l.touched;
+    l.touched = l.nearest > bin_far ? 0 : l.touched;  // bin_far may have come nearer since the record was taken
     if (!l.touched || l.depth.far) continue;
     bounded |= l.full;
     for (uint64_t rest = l.full; rest;) {
@@ -98,7 +111,8 @@ void draw_block(Scratch* s, int count, float bin_far) {
   }
 }
 
-// A small record within the bin: rows of its bbox, eight pixels at a time, no tiles.
+// The direct path: a small record within the bin, row by row of its bbox, eight pixels at a time. f fits int32 up to 8
+// px outside the bbox, because a small record is at most kDirectExtent wide and high (core/record.h).
 template <bool kThin, bool kFar>
 BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, int bin_y, int64_t* pixels) {
   const int left = bin_x * kBin, top = bin_y * kBin;
@@ -116,6 +130,7 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
   for (int y = y0; y < y1; ++y) {
     for (int x = x0; x < x1; x += 8) {
       const int32_t skip = x - x0;
+      // Negative where an edge has the pixel outside, or where the pixel lies past the bbox.
       const i32x8 outside =
           (row[0] + skip * sx[0]) | (row[1] + skip * sx[1]) | (row[2] + skip * sx[2]) | (x1 - x - 1 - lane);
       const uint32_t bits = sign_mask(outside) ^ 0xff;
@@ -140,9 +155,10 @@ BIGTRI_INLINE void draw_small_record(const Record& r, int bin_x, int bin_y, int6
   }
 }
 
-// Draws the list's records that are not behind everything; pixels holds what earlier passes left.
+// Draws a bin list over the pixels, large records first. pixels: background, or the result of earlier passes.
 void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, int bin_x, int bin_y, Scratch* s) {
-  // Whatever covers the whole bin hides all that begins behind its end.
+  // bin_far: the bin's depth bound. A record that covers the whole bin hides all depths beyond its zmax. This loop
+  // looks at vertex depths alone; the next one tightens the bound with the plane's farthest depth over the bin.
   float bin_far = kInfinity;
   for (const uint32_t* e = list; e < end; ++e)
     if (*e & kEntryFull) {
@@ -184,6 +200,7 @@ void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, 
   }
 }
 
+// Bins without entries are stored as background, or left as they are if an earlier pass stored them.
 void raster_bin(const RasterJob& job, int64_t bin, void* memory) {
   Scratch* s = (Scratch*)memory;
   const uint32_t* begin = job.list_begin + (bin - job.first_bin);

@@ -1,4 +1,5 @@
-// Records to pairs of (bin, record), compiled once per instruction set.
+// Writes the (bin, entry) pairs of records: the counting step of the sort in bin_owned.cpp, which calls bin_records for
+// each run of records. Compiled once per instruction set.
 #pragma once
 
 #include "kernels.h"
@@ -7,6 +8,7 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
+// Small records enter every candidate. Large records enter the candidates that no edge rejects.
 int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts) {
   const int bins_x = job.bins_x;
   int64_t n = 0, view = 0;
@@ -25,7 +27,7 @@ int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pair
         }
       continue;
     }
-    // Extremes of each edge over the bins of a row are linear in the column: step them instead of multiplying anew.
+    // Each edge's highest and lowest value over a bin is linear in the bin's column, so both are stepped along the row.
     BinEdge corner[3];
     for (int k = 0; k < 3; ++k) corner[k] = bin_edge(edge_of(r.x, r.y, k), c0, r0);
     for (int y = r0; y <= r1; ++y) {
@@ -37,7 +39,8 @@ int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pair
         step[k] = (int64_t)kBin * corner[k].sx;
       }
       for (int x = c0; x <= c1; ++x) {
-        if ((high[0] | high[1] | high[2]) >= 0) {  // sign bit clear in all three
+        // An OR is negative if one of its operands is: no edge rejects the bin.
+        if ((high[0] | high[1] | high[2]) >= 0) {
           const uint32_t bin = first + (uint32_t)(y * bins_x + x),
                          full = (low[0] | low[1] | low[2]) >= 0 ? kEntryFull : 0;
           pairs[n++] = {bin, (uint32_t)i << kEntryShift | full};

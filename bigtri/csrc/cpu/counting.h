@@ -1,4 +1,5 @@
-// The counters of one thread's work, an empty struct where nothing is counted.
+// The counters of one thread's work (core/counters.h lists them). Variants add to them, and publish them once per task.
+// In builds without BIGTRI_COUNTING the struct is empty and costs nothing.
 #pragma once
 
 #include "../core/counters.h"
@@ -12,7 +13,7 @@ struct Counts {
   int64_t value[kCounters] = {};
 
   void add(Counter counter, int64_t n) { value[(int)counter] += n; }
-  // Into the frame's counters, where it has any; from any thread.
+  // Adds to the frame's counters, if it has any. Any thread may call it.
   void publish(int64_t* counters) const {
     for (int i = 0; counters && i < kCounters; ++i)
       if (value[i]) __atomic_fetch_add(counters + i, value[i], __ATOMIC_RELAXED);

@@ -1,4 +1,5 @@
-// Depth of eight pixels of a row, and its extremes over squares; compiled once per instruction set.
+// Depth of eight pixels of a row at a time, and depth bounds over squares. Called where bins are drawn (bin_owned.inl)
+// and by the depth stage (stages.inl). The formulas are core/depth.h's. Compiled once per instruction set.
 #pragma once
 
 #include "kernels.h"
@@ -8,14 +9,16 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// A record's depth within one cell (= one bin). Thin records carry their edges instead of a plane; all values are integers below 2^53, so stepping them in
-// float64 is exact.
+// A record's depth within one cell, which is the square of a bin. A thin record has edge values instead of a plane.
+// These are integers: |e| < 2^49, a step is at most 2^32 and is taken at most 70 times (63, and 7 lanes). So all values
+// stay below 2^53, and float64 is exact.
 struct CellDepth {
-  double zcell, dzdx, dzdy;
-  double e[3], ex[3], ey[3], z[3], area;
-  float zmin, zmax;
-  uint32_t triangle;
-  bool thin, far;
+  double zcell, dzdx, dzdy;  // plane: depth at the cell's first pixel centre, change per px; not if thin
+  double e[3], ex[3], ey[3], z[3],
+      area;  // thin: edges at that centre, their change per px, vertex depths, twice the area
+  float zmin, zmax;  // of the record's vertices
+  uint32_t triangle;  // index of the parent
+  bool thin, far;  // kRecordThin, kRecordFar
 };
 
 BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* d) {
@@ -40,7 +43,7 @@ BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* 
   }
 }
 
-// The plane's terms for every row and column of the cell: a pixel is then one addition.
+// The plane's terms for every row and column of the cell. The depth of a pixel is then one addition.
 struct PlaneTable {
   double row[kBin];
   f64x8 column[kBin / 8];
@@ -54,7 +57,7 @@ BIGTRI_INLINE void plane_table(const CellDepth& d, PlaneTable* t) {
   }
 }
 
-// Depth of the pixels (i, j), i + 1, ... i + 7 of the cell, not yet rounded.
+// Depth of the pixels (i, j) to (i + 7, j) of the cell, not yet rounded to float32.
 template <bool kThin>
 BIGTRI_INLINE f64x8 row_depth(const CellDepth& d, int i, int j) {
   const f64x8 x = load<f64x8>(kLaneDouble) + (double)i;
@@ -64,6 +67,7 @@ BIGTRI_INLINE f64x8 row_depth(const CellDepth& d, int i, int j) {
   return weighted_depth<f64x8>(g0, g1, g2, d.z[0], d.z[1], d.z[2], d.area);
 }
 
+// Rounds, clamps and packs eight depths. Only far records have depths above 1, which have to become background.
 template <bool kFar>
 BIGTRI_INLINE i64x8 packed_of(const CellDepth& d, f64x8 depth) {
   const f32x8 z = clamp_depth(to_float(depth), splat<f32x8>(d.zmin), splat<f32x8>(d.zmax));
@@ -73,13 +77,15 @@ BIGTRI_INLINE i64x8 packed_of(const CellDepth& d, f64x8 depth) {
   return load<i64x8>(packed);
 }
 
-// Eight pixels of the cell, from the table or (thin) from the edges.
+// Packed values of the pixels (x, y) to (x + 7, y) of the cell; x is a multiple of 8. A thin record does not use the
+// table.
 template <bool kThin, bool kFar>
 BIGTRI_INLINE i64x8 row_packed(const CellDepth& d, const PlaneTable& t, int x, int y) {
   return packed_of<kFar>(d, kThin ? row_depth<true>(d, x, y) : t.row[y] + t.column[x / 8]);
 }
 
-// The nearest (farthest) depth over the px square of the given size at (i, j).
+// Nearest (farthest) depth over the square of size x size pixels whose first is (i, j). Exact for a plane, whose
+// extremes lie at corners (core/depth.h); for a thin record the extreme of its vertices.
 BIGTRI_INLINE float bound_depth(const CellDepth& d, int i, int j, int size, bool farthest) {
   if (d.thin) return farthest ? d.zmax : d.zmin;
   return corner_depth({d.zcell, d.dzdx, d.dzdy}, d.zmin, d.zmax, i, j, size - 1, size - 1, farthest);
@@ -91,7 +97,7 @@ BIGTRI_INLINE float farthest_depth(const CellDepth& d, int i, int j, int size) {
   return bound_depth(d, i, j, size, true);
 }
 
-// Corner depths of the eight tiles of a row.
+// bound_depth of the eight tiles of a row of tiles. The nearest (farthest) corner is the same one in every tile.
 BIGTRI_INLINE f32x8 tile_corner_depths(const CellDepth& d, int row, bool farthest) {
   if (d.thin) return splat<f32x8>(farthest ? d.zmax : d.zmin);
   const int x = (d.dzdx < 0) != farthest ? kTile - 1 : 0, y = (d.dzdy < 0) != farthest ? kTile - 1 : 0;

@@ -1,4 +1,6 @@
-// Which instruction set runs: the best that the machine has, unless BIGTRI_ISA names another. All give the same bits.
+// The instruction set in use, one for the whole process: the best that the machine has, unless the environment variable
+// BIGTRI_ISA names another one that it has. kernels.cpp chooses the kernels by it. All instruction sets give the same
+// bits.
 
 #include <atomic>
 #include <cstdlib>

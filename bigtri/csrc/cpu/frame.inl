@@ -1,4 +1,6 @@
-// Between a bin's pixels and the frame; compiled once per instruction set.
+// Moves the pixels of a bin between a worker's buffer and the image: load, cut to the scissor, store. Called by
+// raster_bin (bin_owned.inl) for each bin; writes the visibility buffer and the depth image. Compiled once per
+// instruction set.
 #pragma once
 
 #include "kernels.h"
@@ -8,10 +10,10 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// The bin's part of the image, px.
+// A bin, cut to the image.
 struct Patch {
-  int x, y, width, height;
-  int64_t at;  // its first pixel's place in `packed` and `depth`
+  int x, y, width, height;  // px
+  int64_t at;               // index of its first pixel in `packed` and `depth`
 };
 
 BIGTRI_INLINE Patch patch_of(const RasterJob& job, int64_t view, int bin_x, int bin_y) {
@@ -20,13 +22,15 @@ BIGTRI_INLINE Patch patch_of(const RasterJob& job, int64_t view, int bin_x, int 
           (view * job.view.height + y) * job.view.width + x};
 }
 
+// pixels: the worker's buffer, rows of kBin. A later pass reads what an earlier one has stored.
 void load_bin(const RasterJob& job, const Patch& p, int64_t* pixels) {
   for (int j = 0; j < p.height; ++j)
     __builtin_memcpy(pixels + j * kBin, job.packed + p.at + (int64_t)j * job.view.width,
                      (size_t)p.width * sizeof(int64_t));
 }
 
-// Tiles and spans ignore the scissor inside a bin; what they drew outside it is taken back here, in the few bins that it crosses.
+// Tiles and rows are drawn without a scissor test. This resets the pixels outside the scissor to background; only the
+// bins that the scissor crosses have any.
 void apply_scissor(const Viewport& v, const Patch& p, int64_t* pixels) {
   if (v.x0 <= p.x && v.y0 <= p.y && v.x1 >= p.x + p.width && v.y1 >= p.y + p.height) return;
   for (int j = 0; j < p.height; ++j)
@@ -34,7 +38,8 @@ void apply_scissor(const Viewport& v, const Patch& p, int64_t* pixels) {
       if (p.x + i < v.x0 || p.x + i >= v.x1 || p.y + j < v.y0 || p.y + j >= v.y1) pixels[j * kBin + i] = kBackground;
 }
 
-// Row j of a patch: the pixels given, or background where there are none.
+// Stores row j of a patch; a null row is background. Aligned rows of whole bins are streamed: an ordinary store would
+// first read the cache line that it overwrites.
 BIGTRI_INLINE void store_row(const RasterJob& job, const Patch& p, int j, const int64_t* row) {
   const i64x8 background = splat<i64x8>(kBackground);
   const int64_t at = p.at + (int64_t)j * job.view.width;

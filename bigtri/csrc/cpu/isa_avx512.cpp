@@ -1,6 +1,9 @@
-#include <immintrin.h>  // before the region: intrinsics name their own instruction sets
+// The kernels compiled for AVX-512: kernels_avx512, which kernels.cpp chooses if the machine has it. The target is set
+// by a pragma and not on the command line, so that inline functions of the C++ library stay those of the baseline.
+#include <immintrin.h>  // above the pragma: intrinsics name their own instruction sets
 #if !defined(__clang__)
-// gcc 12's own header reads a register on purpose without having set it (_mm512_undefined_epi32), which is told wherever an intrinsic is inlined.
+// gcc 12's own header reads an unset register on purpose (_mm512_undefined_epi32). gcc warns wherever such an intrinsic
+// is inlined.
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #endif
 #if defined(__clang__)

@@ -1,3 +1,4 @@
+// The kernels compiled for any machine: kernels_baseline, which kernels.cpp falls back to.
 #define BIGTRI_SIMD 128
 #include "kernel_table.inl"
 

@@ -1,4 +1,5 @@
-// Everything that one instruction set's build offers. The including file sets the target and BIGTRI_SIMD, the width of its vectors in bits.
+// All kernels of one instruction set, as a table kernels_<name>. isa_*.cpp include it once each; before that they set
+// the compiler's target and BIGTRI_SIMD, the width of a vector in bits.
 #pragma once
 
 #include "attributes.inl"

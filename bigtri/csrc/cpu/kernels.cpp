@@ -1,4 +1,5 @@
-// The kernels in use; compiled once per rung. What counts is compiled for the baseline alone: every instruction set counts the same.
+// Chooses the table of kernels by the instruction set in use. Compiled once per rung, and once more with counters. The
+// build with counters has the baseline alone, since every instruction set counts the same.
 #include "kernels.h"
 
 namespace bigtri {

@@ -1,5 +1,6 @@
-// What is compiled once per instruction set, and the plain data it works on. Each user declares the kernels that it needs as a struct of its own; one build of all of them is a table
-// (kernel_table.inl), and current_kernels() is the table in use.
+// The kernels: the functions that are compiled once per instruction set. The code that calls them declares them as a
+// struct (BinOwnedKernels, StageKernels, AttributeKernels). A table of all of them is built for each instruction set
+// (kernel_table.inl); current_kernels() is the table in use.
 #pragma once
 
 #include "../core/attributes.h"
@@ -13,7 +14,7 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// What reads a visibility buffer.
+// A row of the attribute pass, and the image operators over `count` elements. scratch need not be initialised.
 struct AttributeKernels {
   void (*interpolate_row)(const AttributeJob& job, int64_t view, int64_t row, Parent* scratch);
   void (*sample)(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count,

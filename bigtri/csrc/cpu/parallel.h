@@ -1,4 +1,5 @@
-// Loops over threads, with the floating-point mode that the bits need.
+// Parallel loops in the default floating-point mode, on the threads of thread_pool.h. Everything in cpu/ that runs on
+// threads calls Parallel; the binding makes it from the number of threads that torch is set to.
 #pragma once
 
 #include <stdint.h>
@@ -11,11 +12,12 @@
 
 namespace bigtri {
 
-// Round to nearest, no flush to zero, no trapping. Whatever the thread was set to is put back at the end, also when a body
-// throws.
+// Sets the mode that docs/numerics.md 1 asks for: round to nearest, no flush to zero, no traps. The destructor restores
+// the thread's own mode, also when a body throws.
 class FloatMode {
  public:
 #if defined(__x86_64__)
+  // 0x1f80: all exceptions masked, all other bits of MXCSR 0.
   FloatMode() : saved_(_mm_getcsr()) { _mm_setcsr(0x1f80); }
   ~FloatMode() { _mm_setcsr(saved_); }
 
@@ -37,7 +39,7 @@ class FloatMode {
   FloatMode& operator=(const FloatMode&) = delete;
 };
 
-// Calls body(i) for i in [0, n) on up to `threads` threads, each in the float mode above.
+// Calls body(i) once for each i in [0, n), on up to `threads` threads, in FloatMode. Returns when all calls have ended.
 struct Parallel {
   int threads;
 

@@ -1,4 +1,5 @@
-// What there is for each rung. The names stand in the rung's inline namespace, so here they are told apart by it.
+// The table of rungs that the binding reads. Each rung's variants and stages are defined in a namespace of the rung's
+// name (core/numerics.h), so this file, which is compiled once, names them all.
 #include "../core/precision.h"
 #include "backend.h"
 

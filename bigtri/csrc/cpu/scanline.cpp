@@ -1,5 +1,7 @@
-// The scanline variant: a task takes some triangles, cuts each row of a triangle's bounding box to the exact span, and offers the span's pixels their depth with an atomic minimum. The naive
-// baseline of the field (Sui's first pipeline), and the shortest complete variant: copy it to begin one of your own.
+// The scanline variant: a task takes some triangles and cuts each row of a record's bounding box to the exact span.
+// Each pixel of a span is offered its packed value with an atomic minimum. The binding calls draw() through the
+// registry. It is the naive baseline of the field (Sui's first pipeline), and the shortest complete variant: copy it to
+// begin your own.
 
 #include <algorithm>
 
@@ -16,12 +18,14 @@ namespace {
 constexpr Parameter kParameters[] = {{"share", "triangles", "triangles that a task takes at a time", 256, 1, 1 << 20},
                                      {}};
 
+// Atomic minimum. A failed exchange has read the pixel again into `old`.
 void keep_nearest(int64_t* pixel, int64_t packed) {
   int64_t old = __atomic_load_n(pixel, __ATOMIC_RELAXED);
   while (packed < old && !__atomic_compare_exchange_n(pixel, &old, packed, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
   }
 }
 
+// Draws the pixels [x0 + lower, x0 + upper) of row y. The plane is anchored anew in each 64x64 px cell.
 void draw_row(const Record& r, int y, int64_t lower, int64_t upper, const Frame& view) {
   CellPlane plane = {0, r.dzdx, r.dzdy};
   int cell = -1;

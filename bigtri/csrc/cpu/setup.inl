@@ -1,4 +1,5 @@
-// Triangles to records, compiled once per instruction set.
+// Projection of vertices and set-up of records, the first two kernels of the bin_owned variant (bin_owned.cpp calls
+// them per piece of vertices and per chunk of triangles). Compiled once per instruction set.
 #pragma once
 
 #include "kernels.h"
@@ -11,6 +12,7 @@ void project(const float* positions, int64_t begin, int64_t end, int width, int 
   for (int64_t i = begin; i < end; ++i) out[i - begin] = project_vertex(positions + 4 * i, width, height);
 }
 
+// Fate::kNothing needs no case: such a triangle gives no record, and is not counted as dropped.
 int64_t setup(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates,
               int64_t* dropped) {
   int64_t n = 0, lost = 0;

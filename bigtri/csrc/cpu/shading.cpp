@@ -1,4 +1,5 @@
-// Textures and shading, a block of elements at a time. No rung differs in these, so they are compiled for the default one alone.
+// Textures, Lambert shading and sRGB encoding: cuts the elements into blocks and calls the kernels of attributes.inl
+// over threads. The binding calls it. All rungs agree on these, so they are compiled for the default one alone.
 
 #include <algorithm>
 

@@ -1,6 +1,7 @@
-// Eight pixels of a row, or sixteen of two rows: as many of the machine's own vectors as it takes, element by element the same IEEE operations. The including file defines
-// BIGTRI_SIMD, the width of a vector in bits: 512 (AVX-512), 256 (AVX2) or 128 (what every machine has; also for compilers for other processors).
-// A target pragma does not define __AVX2__ and the like, hence a macro of our own.
+// Vectors of eight pixels of a row, or of sixteen in two rows, for the kernels (.inl). A vector consists of as many
+// machine vectors as it takes. Elements are computed with the same IEEE operations on every machine, so the bits are
+// the same. The including file defines BIGTRI_SIMD, the width of a machine vector in bits: 512 (AVX-512), 256 (AVX2) or
+// 128 (any machine, and other processors). __AVX2__ would not do: a target pragma need not define it.
 #pragma once
 
 #if BIGTRI_SIMD > 128
@@ -17,8 +18,8 @@ inline namespace BIGTRI_NAMESPACE {
 
 template <class T, int N>
 struct Lanes {
-  static constexpr int kWidth =
-      N * (int)sizeof(T) * 8 < BIGTRI_SIMD ? N : BIGTRI_SIMD / 8 / (int)sizeof(T);  // elements of one machine vector
+  // Elements of one machine vector.
+  static constexpr int kWidth = N * (int)sizeof(T) * 8 < BIGTRI_SIMD ? N : BIGTRI_SIMD / 8 / (int)sizeof(T);
   static constexpr int kParts = N / kWidth;
   typedef T Vector __attribute__((vector_size(kWidth * sizeof(T))));
   Vector part[kParts];
@@ -32,7 +33,8 @@ using i64x8 = Lanes<int64_t, 8>;
 using f32x8 = Lanes<float, 8>;
 using f64x8 = Lanes<double, 8>;
 
-// All elements v. The subtraction keeps -0 and costs nothing.
+// All elements v. scalar - vector is how the vector extension broadcasts. v - 0 is v, also for -0 (v + 0 would make it
+// +0). The compiler removes the subtraction.
 template <class L, class T>
 BIGTRI_INLINE L splat(T v) {
   L r;
@@ -40,6 +42,7 @@ BIGTRI_INLINE L splat(T v) {
   return r;
 }
 
+// Unaligned. The compiler makes vector loads and stores of memcpy.
 template <class L, class T>
 BIGTRI_INLINE L load(const T* from) {
   L r;
@@ -80,7 +83,8 @@ alignas(64) constexpr int32_t kLaneX[16] = {0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 
 alignas(64) constexpr int32_t kLaneY[16] = {0, 0, 0, 0, 0, 0, 0, 0,
                                             1, 1, 1, 1, 1, 1, 1, 1};  // row within a pair of rows
 
-// Bit i: element i is negative.
+// Bit i: element i is negative. movemask collects the sign bits of floats; only the bits matter, so integers may pass
+// as floats.
 template <int N>
 BIGTRI_INLINE uint32_t sign_mask(const Lanes<int32_t, N>& v) {
   uint32_t mask = 0;
@@ -101,7 +105,7 @@ BIGTRI_INLINE uint32_t sign_mask(const Lanes<int32_t, N>& v) {
   return mask;
 }
 
-// Bit i: a[i] > b[i].
+// Bit i: a[i] > b[i]. False for a NaN.
 BIGTRI_INLINE uint32_t greater_mask(const f32x8& a, const f32x8& b) {
 #if BIGTRI_SIMD >= 256
   return (uint32_t)_mm256_movemask_ps(_mm256_cmp_ps((__m256)a.part[0], (__m256)b.part[0], _CMP_GT_OQ));
@@ -112,6 +116,7 @@ BIGTRI_INLINE uint32_t greater_mask(const f32x8& a, const f32x8& b) {
 #endif
 }
 
+// Rounds to nearest, half to even.
 BIGTRI_INLINE f32x8 to_float(const f64x8& v) {
   f32x8 r;
 #if BIGTRI_SIMD >= 512
@@ -126,7 +131,7 @@ BIGTRI_INLINE f32x8 to_float(const f64x8& v) {
   return r;
 }
 
-// min_of(max_of(f, low), high) + 0.0f, as finish_depth has it.
+// min_of(max_of(f, low), high) + 0.0f, as in finish_depth (core/depth.h).
 BIGTRI_INLINE f32x8 clamp_depth(f32x8 f, const f32x8& low, const f32x8& high) {
   for (int i = 0; i < f.kParts; ++i) {
     f.part[i] = f.part[i] < low.part[i] ? low.part[i] : f.part[i];
@@ -135,10 +140,11 @@ BIGTRI_INLINE f32x8 clamp_depth(f32x8 f, const f32x8& low, const f32x8& high) {
   return f + 0.0f;
 }
 
-// The high half of each from the depth, the low half from the triangle.
+// pack_depth (core/visibility.h) of each: the depth's bits in the upper half, the triangle in the lower half.
 BIGTRI_INLINE i64x8 pack(const f32x8& z, uint32_t triangle) {
   i64x8 r;
 #if BIGTRI_SIMD >= 512
+  // The mask 0xaaaa chooses the odd 32-bit elements: they take the depths. The even ones keep the triangle.
   const __m512i to_high = _mm512_setr_epi32(0, 0, 0, 1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 0, 7);
   r.part[0] = (i64x8::Vector)_mm512_mask_permutexvar_epi32(_mm512_set1_epi64(triangle), 0xaaaa, to_high,
                                                            _mm512_castsi256_si512((__m256i)z.part[0]));
@@ -158,12 +164,14 @@ BIGTRI_INLINE i64x8 pack(const f32x8& z, uint32_t triangle) {
   return r;
 }
 
-// Where bit i is set: pixels[i] = min(pixels[i], packed[i]).
+// If bit i is set: pixels[i] = min(pixels[i], packed[i]). All eight are loaded and stored. Signed comparisons are
+// right, because packed values are not negative.
 BIGTRI_INLINE void keep_nearest(int64_t* pixels, const i64x8& packed, uint32_t bits) {
 #if BIGTRI_SIMD >= 512
   const __m512i old = _mm512_loadu_si512(pixels);
   _mm512_storeu_si512(pixels, _mm512_mask_min_epi64(old, (__mmask8)bits, old, (__m512i)packed.part[0]));
 #elif BIGTRI_SIMD >= 256
+  // Element k of part i is taken if bit 4 * i + k is set; `lane` holds that bit.
   const __m256i all = _mm256_set1_epi64x((int64_t)bits);
   for (int i = 0; i < 2; ++i) {
     const __m256i lane = _mm256_set_epi64x(8 << 4 * i, 4 << 4 * i, 2 << 4 * i, 1 << 4 * i);
@@ -192,7 +200,9 @@ BIGTRI_INLINE void keep_nearest(int64_t* pixels, const i64x8& packed) {
 #endif
 }
 
-// Appends (code + kBin * j) << 8 | byte j of the mask for every byte that is not 0, from list[n] on; returns the new n. Writes up to eight elements whatever the mask.
+// Appends (code + kBin * j) << 8 | byte j of the mask, for each byte that is not 0, from list[n] on. Returns the new n.
+// It may write as far as list[n + 7], whatever the mask. AVX-512 moves the elements to keep together with one compress;
+// the loop writes each element and advances only past those to keep.
 BIGTRI_INLINE int append_rows(uint64_t mask, uint32_t code, uint32_t* list, int n) {
 #if BIGTRI_SIMD >= 512
   const __m256i bytes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((int64_t)mask));
@@ -212,15 +222,16 @@ BIGTRI_INLINE int append_rows(uint64_t mask, uint32_t code, uint32_t* list, int 
 #endif
 }
 
-// depth_of (core/visibility.h) of each. The upper half of a background pixel, 0x7fffffff, is above the bits of infinity,
-// and all others are below: a minimum of integers is enough.
+// depth_of (core/visibility.h) of each. The upper half of a background pixel is 0x7fffffff, above the bits of infinity;
+// that of any other pixel is below them. So an integer minimum with infinity's bits is enough.
 BIGTRI_INLINE f32x8 depths_of(const i64x8& packed) {
   f32x8 r;
 #if BIGTRI_SIMD >= 512
   const __m256i high = _mm512_cvtepi64_epi32(_mm512_srli_epi64((__m512i)packed.part[0], 32));
   r.part[0] = (f32x8::Vector)_mm256_min_epi32(high, _mm256_set1_epi32(0x7f800000));
 #elif BIGTRI_SIMD >= 256
-  // The upper halves of pixels 0 1 4 5 | 2 3 6 7, then in order.
+  // The shuffle, which works within 128-bit halves, gives the upper halves of pixels 0 1 4 5 | 2 3 6 7. The permutation
+  // puts them in order.
   const __m256 both = _mm256_shuffle_ps((__m256)packed.part[0], (__m256)packed.part[1], _MM_SHUFFLE(3, 1, 3, 1));
   const __m256i high = _mm256_permute4x64_epi64((__m256i)both, _MM_SHUFFLE(3, 1, 2, 0));
   r.part[0] = (f32x8::Vector)_mm256_min_epi32(high, _mm256_set1_epi32(0x7f800000));
@@ -232,7 +243,8 @@ BIGTRI_INLINE f32x8 depths_of(const i64x8& packed) {
   return r;
 }
 
-// To memory that is not read again soon, 64-byte aligned: past the caches.
+// Streaming store: past the caches, for memory that is not read again soon. `to` is 64-byte aligned. Other threads see
+// it after a fence (StoreFence in thread_pool.cpp).
 BIGTRI_INLINE void stream(int64_t* to, const i64x8& v) {
 #if BIGTRI_SIMD >= 512
   _mm512_stream_si512((__m512i*)to, (__m512i)v.part[0]);
@@ -243,7 +255,7 @@ BIGTRI_INLINE void stream(int64_t* to, const i64x8& v) {
 #endif
 }
 
-// The same, 32-byte aligned.
+// The same; `to` is 32-byte aligned.
 BIGTRI_INLINE void stream(float* to, const f32x8& v) {
 #if BIGTRI_SIMD >= 256
   _mm256_stream_ps(to, (__m256)v.part[0]);

@@ -1,4 +1,6 @@
-// The stages one at a time; compiled once per rung. For tests and for people who validate a variant: plain loops around the same inner code that the variants run.
+// The stages one by one, for tests and for people who validate a variant: setup and binning as plain loops around the
+// functions of core/, which the variants call too; the other stages are kernels (stages.inl). The binding calls them
+// through CpuRung::stages. Compiled once per rung.
 
 #include "kernels.h"
 

@@ -1,4 +1,5 @@
-// The stages one at a time, on the inner loops that the variants run; compiled once per instruction set.
+// The stages tile_mask, scanline and depth one by one, on the inner loops that bin_owned runs. The binding calls them
+// through Stages::kernels. Compiled once per instruction set.
 #pragma once
 
 #include "depth.inl"
@@ -16,7 +17,7 @@ BIGTRI_INLINE void read_vertices(const int32_t* xy, int32_t x[3], int32_t y[3]) 
   }
 }
 
-// false: an edge rejects the bin.
+// The record's edges within a bin. False if one of them rejects the bin.
 BIGTRI_INLINE bool narrow_edges(const int32_t x[3], const int32_t y[3], int bin_x, int bin_y, NarrowEdge e[3]) {
   for (int k = 0; k < 3; ++k) {
     const BinEdge b = bin_edge(edge_of(x, y, k), bin_x, bin_y);
@@ -42,6 +43,7 @@ void stage_tile_mask(const int32_t* xy, const int32_t* bbox, const int32_t* queu
   }
 }
 
+// Appends span n unless it is empty; returns the new number of spans.
 BIGTRI_INLINE int64_t put_span(int32_t record, int64_t y, int64_t lower, int64_t upper, int32_t* spans, int64_t n) {
   if (lower >= upper) return n;
   int32_t* s = spans + 4 * n;
@@ -52,7 +54,7 @@ BIGTRI_INLINE int64_t put_span(int32_t record, int64_t y, int64_t lower, int64_t
   return n + 1;
 }
 
-// Spans of one queue entry (record, bin column, bin row), at most 512; xy and bbox are the record's own.
+// Spans of one queue entry (record, bin column, bin row), at most 512. xy and bbox are those of the one record.
 int64_t stage_scan_tiles(const int32_t* xy, const int32_t* bbox, const int32_t* entry, uint64_t touched,
                          int32_t* spans) {
   int32_t px[3], py[3];
@@ -69,7 +71,7 @@ int64_t stage_scan_tiles(const int32_t* xy, const int32_t* bbox, const int32_t* 
     for (int j = 0; j < kTile; ++j) {
       const uint32_t bits = coverage >> (8 * j) & 0xff;
       if (!bits || y + j < bbox[1] || y + j >= bbox[3]) continue;
-      // Edges are convex: the covered pixels of a row are one run.
+      // A triangle is convex: the covered pixels of a row are one run.
       const int64_t lower = x + __builtin_ctz(bits), upper = x + 32 - __builtin_clz(bits);
       n = put_span(entry[0], y + j, max_of<int64_t>(lower, bbox[0]), min_of<int64_t>(upper, bbox[2]), spans, n);
     }
@@ -93,7 +95,8 @@ int64_t stage_scan_rows(const int32_t* xy, const int32_t* bbox, int32_t record, 
   return n;
 }
 
-// Depth of every pixel of the spans, in order. Spans of a record and cell mostly follow each other, so the cell's plane is kept.
+// Depth of every pixel of the spans, in their order. Consecutive spans are mostly of one record and cell, so the last
+// cell's plane is kept.
 void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count,
                  float* out) {
   CellDepth d = {};

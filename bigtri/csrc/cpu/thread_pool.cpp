@@ -1,3 +1,4 @@
+// The pool's workers, the job that they share, and what happens at a fork. Interface and reasons: thread_pool.h.
 #include "thread_pool.h"
 
 #include <atomic>
@@ -18,47 +19,48 @@
 namespace bigtri {
 namespace {
 
-// Makes a thread's streaming stores (stream() in simd.h) visible before anything it stores later. They pass the caches
-// and, on x86-64, also the order in which a thread's other stores appear: without this fence another thread could be
-// told that the image is done, by a release store, which is an ordinary one there, and read a part that still waits in
-// this one's buffers. A locked instruction orders them too, but neither C++ nor this file promises one. One fence is
-// enough for all that a thread does in a run, and a body that throws has stored too.
+// Makes a thread's streaming stores (stream() in simd.h) visible before its later stores. On x86-64, streaming stores
+// are not ordered with other stores. A release store is an ordinary store there. Without the fence, another thread
+// could see the release store that says the image is done, and read a part that is still in this thread's buffers. A
+// locked instruction orders them too, but neither C++ nor this file promises one. One fence per thread and run is
+// enough. It is a destructor because a body that throws has stored too.
 class StoreFence {
  public:
   StoreFence() = default;
 #if defined(__x86_64__)
   ~StoreFence() { _mm_sfence(); }
 #else
-  ~StoreFence() {}  // stream() is an ordinary store there
+  ~StoreFence() {}  // stream() is an ordinary store on other processors
 #endif
   StoreFence(const StoreFence&) = delete;
   StoreFence& operator=(const StoreFence&) = delete;
 };
 
+// One call of run(). It lives on the caller's stack.
 struct Job {
   int64_t n;
   void (*body)(void*, int64_t);
   void* context;
-  int helpers;  // workers that may still join
-  std::atomic<int64_t> next{0};
+  int helpers;                   // workers that may still join
+  std::atomic<int64_t> next{0};  // first index that no thread has taken
   std::atomic<bool> failed{false};
-  std::exception_ptr error;  // written by the thread that set `failed`, read by the caller when all have left
+  std::exception_ptr error;  // written by the thread that set `failed`; read by the caller when all workers have left
 
-  // One thread's share. Nothing is thrown here: a worker has nobody above it to catch, and the caller must not leave
-  // while workers still use the job, which lives on its stack.
+  // One thread's share. It must not throw: nothing would catch a worker's exception, and the caller must not unwind its
+  // stack while workers use the job.
   void work() noexcept {
     const StoreFence fence;
     try {
       for (int64_t i; (i = next.fetch_add(1, std::memory_order_relaxed)) < n;) body(context, i);
     } catch (...) {
-      next.store(n, std::memory_order_relaxed);  // no thread starts another index
+      next.store(n, std::memory_order_relaxed);  // no index is left
       if (!failed.exchange(true, std::memory_order_relaxed)) error = std::current_exception();
     }
   }
 };
 
-// A frame is several jobs in a row: a worker looks for the next one this often before it sleeps, some tens of
-// microseconds.
+// How often a worker looks for the next job before it sleeps: some tens of microseconds, since a frame is several jobs
+// in a row.
 constexpr int kSpins = 2000;
 
 inline void relax() {
@@ -73,8 +75,8 @@ struct ThreadPool::State {
   std::mutex mutex;
   std::condition_variable job_posted, worker_left;
   std::atomic<Job*> job{nullptr};  // written under the mutex
-  int active = 0;                  // workers inside the job
-  int workers = 0;
+  int active = 0;  // workers inside the job; under the mutex
+  int workers = 0;  // threads started; under the mutex
 
   void worker() {
     for (;;) {
@@ -91,16 +93,16 @@ struct ThreadPool::State {
     }
   }
 
-  // Lets workers join the job, unless the pool is busy with another one: then false. A job that was withdrawn keeps the
-  // pool busy until its last worker has left: one of them may be the caller here, from inside its body, and waiting
-  // for `active` to fall to zero it would wait for itself.
+  // Lets workers join the job; false if the pool is busy with another job. A withdrawn job keeps the pool busy until
+  // its last worker has left. The caller of post() may be such a worker, inside a body of that job. If its new job were
+  // accepted, withdraw() would wait for `active` to fall to 0, and so for the worker itself.
   bool post(Job* mine) {
     {
       std::lock_guard<std::mutex> lock(mutex);
       if (job.load() || active > 0) return false;
       try {
         for (; workers < mine->helpers; ++workers) std::thread([this] { worker(); }).detach();
-      } catch (const std::system_error&) {  // no more threads to be had: fewer do
+      } catch (const std::system_error&) {  // the system gives no more threads; fewer are enough
       }
       job.store(mine);
     }
@@ -108,24 +110,24 @@ struct ThreadPool::State {
     return true;
   }
 
-  // Returns when no worker uses the job any more.
+  // Takes the job back. Returns when no worker uses it.
   void withdraw() {
     std::unique_lock<std::mutex> lock(mutex);
-    job.store(nullptr);  // whoever wakes now has missed it
+    job.store(nullptr);  // a worker that wakes from here on does not join
     worker_left.wait(lock, [&] { return active == 0; });
   }
 };
 
-// Initialised before any code runs, so that there is no guard that another thread could hold while this one forks.
+// Initialised at compile time. A static local would have a guard, which another thread could hold while this one forks.
 ThreadPool ThreadPool::pool_;
 
 #if !defined(_WIN32)
-// A child has none of its parent's threads, and its copy of the state may be locked by one of them for ever: it starts
-// with a state of its own. The handler does no more than forget the parent's (which is lost to the child: freeing it
-// would take the allocator). Between fork and exec a child of several threads may only call what is safe in a signal
-// handler (POSIX), since any lock, the allocator's among them, may be held by a thread that is not there; storing to a
-// lock-free atomic is. The new state is made by the child's first run(), outside the handler: by then the allocator's
-// own handlers have run, and a child that never draws allocates nothing.
+// A forked child has none of its parent's threads, and one of these may have locked the child's copy of the state for
+// ever. So the child starts with a state of its own. The handler only forgets the parent's state, which leaks in the
+// child: the child of a process with threads may only call what is safe in a signal handler until exec (POSIX), because
+// a thread that no longer exists may hold any lock, the allocator's too. Storing to a lock-free atomic is safe. The
+// child's first run() makes the new state. By then the allocator's own handlers have run, and a child that never draws
+// allocates nothing.
 const int ThreadPool::fork_handler_ = pthread_atfork(nullptr, nullptr, [] { pool_.state_.store(nullptr); });
 static_assert(std::atomic<void*>::is_always_lock_free, "the fork handler takes no lock");
 #endif
@@ -135,7 +137,7 @@ ThreadPool::State& ThreadPool::state() {
   if (s) return *s;
   State* fresh = new State;
   if (state_.compare_exchange_strong(s, fresh, std::memory_order_acq_rel)) return *fresh;
-  delete fresh;  // another thread was first: s is its state
+  delete fresh;  // another thread was first; s is now its state
   return *s;
 }
 

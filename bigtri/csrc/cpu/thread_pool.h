@@ -1,6 +1,6 @@
-// Threads that the caller never waits for in vain: work is handed out one index at a time, the caller takes part, and a
-// worker that wakes late finds nothing left to do. A barrier over a fixed split (OpenMP's, and so torch's) costs
-// milliseconds whenever a neighbour holds one of the cores; a whole frame takes one.
+// The thread pool under Parallel (parallel.h). Work is handed out one index at a time, and the caller takes part; a
+// worker that wakes late finds no index left, and nobody waits for it. A barrier over a fixed split, as in OpenMP and
+// so in torch, costs milliseconds if another process holds one of the cores. A whole frame takes about one.
 #pragma once
 
 #include <stdint.h>
@@ -13,12 +13,13 @@ class ThreadPool {
  public:
   static ThreadPool& instance() { return pool_; }
 
-  // Calls body(context, i) for i in [0, n), each once, in any order, on up to `threads` threads with the caller among
-  // them; returns when all are done, and what they stored can be seen by whoever learns of that. A call that finds the
-  // pool busy (another thread's, or one from inside a body) runs on its own thread alone.
+  // Calls body(context, i) once for each i in [0, n), in any order, on up to `threads` threads including the caller's.
+  // Returns when all calls have ended. Their stores are then visible to the caller, and to every thread that
+  // synchronises with it. If the pool is busy (with another thread's call, or this call comes from inside a body), the
+  // caller's thread does all the work.
   //
-  // After a body has thrown no further index is started. Once every thread has left its body the exception, or of
-  // several one, is thrown here, and the pool is as good as before. A body must not fork.
+  // After a body has thrown, no further index is started. When every thread has left its body, one of the exceptions is
+  // thrown here. The pool can be used again. A body must not fork.
   void run(int threads, int64_t n, void (*body)(void* context, int64_t i), void* context);
 
  private:
@@ -27,7 +28,7 @@ class ThreadPool {
   constexpr ThreadPool() = default;
   State& state();
 
-  // Null until it is needed; never freed: workers sleep in it until the process ends.
+  // Null until it is needed. It is never freed, because workers sleep in it until the process ends.
   std::atomic<State*> state_{nullptr};
 
   static ThreadPool pool_;

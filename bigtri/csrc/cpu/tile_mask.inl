@@ -1,4 +1,5 @@
-// The tiles of a bin that a record touches, and the pixels of a tile, sixteen at a time; compiled once per instruction set.
+// Tile masks of a record in a bin, and the coverage of a tile, sixteen tiles or pixels at a time. Called where bins are
+// drawn (bin_owned.inl) and by the stages (stages.inl). Compiled once per instruction set.
 #pragma once
 
 #include "kernels.h"
@@ -8,15 +9,19 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
+// Bit 8 * row + column. The bbox is not taken into account; the caller applies bbox_tiles.
 struct TileMasks {
   uint64_t touched, full;
 };
 
+// f at 16 samples: two rows of eight.
 BIGTRI_INLINE i32x16 lanes(int32_t f, int32_t sx, int32_t sy) {
   return f + load<i32x16>(kLaneX) * sx + load<i32x16>(kLaneY) * sy;
 }
 
-// Two rows of eight tiles at a time. A tile is dropped where one edge's maximum is negative: the sign bit of the three ORed.
+// Two rows of eight tiles at a time. An edge rejects a tile if its highest value there is negative. The OR of three
+// values is negative if one of them is, so one sign mask stands for three tests. `full` is the same test of the lowest
+// values.
 BIGTRI_INLINE TileMasks tile_masks(const NarrowEdge e[3]) {
   i32x16 at[3];
   int32_t high[3], low[3];
@@ -35,7 +40,8 @@ BIGTRI_INLINE TileMasks tile_masks(const NarrowEdge e[3]) {
   return m;
 }
 
-// The 64 pixels of one tile; offset[k] = lanes(0, sx, sy).
+// Coverage of a tile's 64 pixels, bit 8 * row + column. offset[k] is lanes(0, sx, sy), which is the same for every
+// tile.
 BIGTRI_INLINE uint64_t tile_coverage(const NarrowEdge e[3], const i32x16 offset[3], int column, int row) {
   i32x16 at[3];
   for (int k = 0; k < 3; ++k) at[k] = offset[k] + tile_edge(e[k], column, row);

@@ -1,4 +1,5 @@
-// The variants of one rung; compiled once per rung, and once more for those that count.
+// The registry of one rung's variants: a table of the names in variants.h, for rungs.cpp. Compiled once per rung, and
+// once more with counters.
 #include "variants.h"
 
 #include "../core/numerics.h"

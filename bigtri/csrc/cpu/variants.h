@@ -1,4 +1,5 @@
-// The registry of variants on the CPU, the one that "auto" means first. Each is bigtri/csrc/cpu/<name>.cpp, which defines <name>_variant.
+// The names of the CPU's variants; the first is what "auto" means. Each is a file <name>.cpp here, which defines
+// <name>_variant. variants.cpp makes a table of them.
 #pragma once
 
 #define BIGTRI_CPU_VARIANTS(X) X(bin_owned) X(scanline)
