@@ -47,7 +47,7 @@ void begin_record(const AttributeJob& job, const float* attributes, const Parent
 }
 
 // Computes the pixels x to x + 7, all of one record, and writes the first n. A pixel that the record does not cover
-// gets zeros: its visibility buffer was drawn from another mesh.
+// gets zeros: the visibility buffer came from another drawing.
 void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowRecord& row, int64_t x, int n,
                        float* out) {
   f64x8 e[3], b[3];

@@ -85,11 +85,11 @@ struct AttributeJob {
   const int64_t* packed;  // [views, H, W], the visibility buffer
   const float* positions;  // [views, V, 4], clip space
   int64_t vertices;  // V
-  const int32_t* triangles;  // [T, 3], vertex indices; not checked
+  const int32_t* triangles;  // [T, 3], vertex indices
   int64_t triangle_count;  // T
   int64_t views;
   int height, width;  // px
-  const float* attributes;  // [V, C] or [views, V, C]; null: out gets the barycentrics of the parent's three corners
+  const float* attributes;  // [V, C] or [views, V, C]; null: out gets the barycentrics of the parent's corners
   int64_t attribute_view;  // floats from one view's attributes to the next view's; 0 if all views share them
   int64_t channels;  // C; 3 for barycentrics
   float* out;  // [views, H, W, channels]; 0 on the background

@@ -33,13 +33,13 @@ struct BinJob {
   int bins_x, bins;  // bins across a view, bins of a view
 };
 
-// The bin lists of a pass, for drawing.
+// The bin lists of a pass, for drawing. Bins are numbered through all views. With i = b - first_bin, the list of bin b
+// is entries[list_begin[i]] to entries[list_begin[i + 1]].
 struct RasterJob {
   const Record* records;
-  const uint32_t* entries;  // all bin lists, one after the other
-  const uint32_t*
-      list_begin;  // bin b's list is entries[list_begin[i]] to entries[list_begin[i + 1]], i = b - first_bin
-  int64_t first_bin;  // bins are numbered through all views
+  const uint32_t* entries;  // all lists, one after the other
+  const uint32_t* list_begin;  // one more than there are lists
+  int64_t first_bin;  // the first bin that has a list
   int64_t begun_views;  // views below it have been stored; a bin of any other view starts as background
   int bins_x, bins;  // bins across a view, bins of a view
   Viewport view;  // the same for every view

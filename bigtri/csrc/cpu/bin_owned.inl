@@ -1,6 +1,9 @@
-// Draws one bin of the bin_owned variant: raster_bin, called by bin_owned.cpp. Compiled once per instruction set. A
-// worker owns a 64x64 px bin at a time. It keeps the bin's pixels in its cache, draws every entry of the bin list into
-// them, and stores each pixel once. So there is no clear and no atomic operation, and the order of entries is free.
+// Draws one bin of the bin_owned variant: raster_bin, called by bin_owned.cpp. Compiled once per instruction set.
+//
+// A worker owns a 64x64 px bin at a time. It keeps the bin's pixels in its cache, draws the entries of the bin list
+// into them, and stores each pixel once. So there is no clear and no atomic operation, and the order of entries is
+// free.
+//
 // Hidden surfaces are rejected without sorting. A record that covers a bin (or a tile) completely gives a depth bound:
 // nothing behind the record's farthest depth there can be seen. Bounds are gathered before pixels are drawn. All tests
 // against a bound are strict: a fragment of the same depth may win by its lower triangle index.
@@ -14,8 +17,7 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Large records whose depth bounds are gathered before any of them is drawn: enough for the bounds to hide most of
-// them.
+// Large records of a block. All their depth bounds are gathered before one is drawn, and hide most of them.
 constexpr int kBlock = 96;
 
 // A large record within the bin.
@@ -31,7 +33,7 @@ struct Large {
 // elements.
 struct Scratch {
   alignas(64) int64_t pixels[kBin * kBin + 8];
-  float tile_far[64];  // depth bound of each tile: nothing behind it can be seen
+  float tile_far[64];  // depth bound of each tile, from all blocks so far
   Large block[kBlock];
 };
 static_assert(sizeof(Scratch) <= kScratchBytes, "scratch");
@@ -87,7 +89,8 @@ void draw_block(Scratch* s, int count, float bin_far) {
   uint64_t bounded = 0;
   for (int i = 0; i < count; ++i) {
     Large& l = s->block[i];
-    l.touched = l.nearest > bin_far ? 0 : l.touched;  // bin_far may have come nearer since the record was taken
+    // Records that were added to the block after this one may have brought bin_far nearer.
+    l.touched = l.nearest > bin_far ? 0 : l.touched;
     if (!l.touched || l.depth.far) continue;
     bounded |= l.full;
     for (uint64_t rest = l.full; rest;) {

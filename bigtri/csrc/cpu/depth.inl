@@ -13,12 +13,13 @@ namespace {
 // These are integers: |e| < 2^49, a step is at most 2^32 and is taken at most 70 times (63, and 7 lanes). So all values
 // stay below 2^53, and float64 is exact.
 struct CellDepth {
-  double zcell, dzdx, dzdy;  // plane: depth at the cell's first pixel centre, change per px; not if thin
-  double e[3], ex[3], ey[3], z[3],
-      area;  // thin: edges at that centre, their change per px, vertex depths, twice the area
-  float zmin, zmax;  // of the record's vertices
+  // Not thin: the depth at the cell's first pixel centre, and its change per px.
+  double zcell, dzdx, dzdy;
+  // Thin: the unbiased edges at that centre (subpx^2) and their change per px, depths of the vertices, twice the area.
+  double e[3], ex[3], ey[3], z[3], area;
+  float zmin, zmax;   // of the record's vertices
   uint32_t triangle;  // index of the parent
-  bool thin, far;  // kRecordThin, kRecordFar
+  bool thin, far;     // kRecordThin, kRecordFar
 };
 
 BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* d) {

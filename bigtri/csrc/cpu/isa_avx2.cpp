@@ -1,5 +1,5 @@
-// The kernels compiled for AVX2: kernels_avx2, which kernels.cpp chooses if the machine has it. The target is set
-// by a pragma and not on the command line, so that inline functions of the C++ library stay those of the baseline.
+// The kernels compiled for AVX2: kernels_avx2, which kernels.cpp chooses if this instruction set is in use. A pragma
+// sets the compiler's target, because all files of the extension are compiled with the same options.
 #include <immintrin.h>  // above the pragma: intrinsics name their own instruction sets
 #if defined(__clang__)
 #pragma clang attribute push(__attribute__((target("avx2,bmi,bmi2,lzcnt,popcnt"))), apply_to = function)

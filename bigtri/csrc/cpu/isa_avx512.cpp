@@ -1,5 +1,5 @@
-// The kernels compiled for AVX-512: kernels_avx512, which kernels.cpp chooses if the machine has it. The target is set
-// by a pragma and not on the command line, so that inline functions of the C++ library stay those of the baseline.
+// The kernels compiled for AVX-512: kernels_avx512, which kernels.cpp chooses if this instruction set is in use. A
+// pragma sets the compiler's target, because all files of the extension are compiled with the same options.
 #include <immintrin.h>  // above the pragma: intrinsics name their own instruction sets
 #if !defined(__clang__)
 // gcc 12's own header reads an unset register on purpose (_mm512_undefined_epi32). gcc warns wherever such an intrinsic

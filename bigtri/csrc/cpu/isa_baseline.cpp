@@ -1,4 +1,4 @@
-// The kernels compiled for any machine: kernels_baseline, which kernels.cpp falls back to.
+// The kernels compiled for any machine: kernels_baseline, which kernels.cpp chooses if no other is in use.
 #define BIGTRI_SIMD 128
 #include "kernel_table.inl"
 

@@ -1,7 +1,7 @@
 // Vectors of eight pixels of a row, or of sixteen in two rows, for the kernels (.inl). A vector consists of as many
 // machine vectors as it takes. Elements are computed with the same IEEE operations on every machine, so the bits are
 // the same. The including file defines BIGTRI_SIMD, the width of a machine vector in bits: 512 (AVX-512), 256 (AVX2) or
-// 128 (any machine, and other processors). __AVX2__ would not do: a target pragma need not define it.
+// 128 (any machine, and other processors). __AVX2__ would not do: a target pragma does not define it.
 #pragma once
 
 #if BIGTRI_SIMD > 128
@@ -144,7 +144,7 @@ BIGTRI_INLINE f32x8 clamp_depth(f32x8 f, const f32x8& low, const f32x8& high) {
 BIGTRI_INLINE i64x8 pack(const f32x8& z, uint32_t triangle) {
   i64x8 r;
 #if BIGTRI_SIMD >= 512
-  // The mask 0xaaaa chooses the odd 32-bit elements: they take the depths. The even ones keep the triangle.
+  // The mask chooses the odd 32-bit elements: they take the depths. The even ones keep the triangle.
   const __m512i to_high = _mm512_setr_epi32(0, 0, 0, 1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 0, 7);
   r.part[0] = (i64x8::Vector)_mm512_mask_permutexvar_epi32(_mm512_set1_epi64(triangle), 0xaaaa, to_high,
                                                            _mm512_castsi256_si512((__m256i)z.part[0]));

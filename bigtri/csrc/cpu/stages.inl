@@ -1,4 +1,4 @@
-// The stages tile_mask, scanline and depth one by one, on the inner loops that bin_owned runs. The binding calls them
+// The stages tile_mask, scanline and depth one by one, on the inner code that the variants run. The binding calls them
 // through Stages::kernels. Compiled once per instruction set.
 #pragma once
 
