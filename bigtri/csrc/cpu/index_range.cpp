@@ -1,5 +1,5 @@
 // Smallest and largest vertex index, over threads. The binding calls it to check that every index names a vertex;
-// variants project only the vertices in this range.
+// bin_owned projects only the vertices in this range.
 #include <algorithm>
 #include <vector>
 

@@ -1,6 +1,7 @@
 // The thread pool under Parallel (parallel.h). Work is handed out one index at a time, and the caller takes part; a
 // worker that wakes late finds no index left, and nobody waits for it. A barrier over a fixed split, as in OpenMP and
-// so in torch, costs milliseconds if another process holds one of the cores. A whole frame takes about one.
+// so in torch, costs milliseconds if another process holds one of the cores. A whole frame takes about one
+// millisecond.
 #pragma once
 
 #include <stdint.h>
