@@ -28,7 +28,8 @@ static_assert(kMaxChunk * kMaxSubTriangles <= kStandardRecords, "a chunk fits a 
 // one chunk at least, and a pass takes one record at least, so small bounds cannot stop a drawing.
 constexpr Parameter kParameters[] = {
     // An entry has 30 bits for its record's slot (kEntryShift).
-    {"records", "records", "(sub)triangles set up at once, 96 bytes each", kStandardRecords, 1, int64_t{1} << 30},
+    {"records", "slots", "slots for (sub)triangles set up at once, 96 bytes each; a clipped triangle takes 26",
+     kStandardRecords, 1, int64_t{1} << 30},
     // list_begin is uint32.
     {"candidates", "bins", "bins that the records of a pass touch by their bounding boxes, 12 bytes each",
      kStandardCandidates, 1, UINT32_MAX},
@@ -199,13 +200,13 @@ class Drawing {
         pair_begin.push_back(sum);
       }
     }
-    const int64_t chunks = (int64_t)bounds.size();
+    const int64_t runs = (int64_t)bounds.size();
     bounds.push_back(end);
     const BinJob job = {records, candidates, view_begin, job_.bins_x, job_.bins};
     const auto pairs = allocate<BinPair>(total);
-    std::vector<uint32_t> counts(chunks * bins, 0);
-    std::vector<int64_t> used(chunks);
-    parallel_(chunks, [&](int64_t c) {
+    std::vector<uint32_t> counts(runs * bins, 0);
+    std::vector<int64_t> used(runs);
+    parallel_(runs, [&](int64_t c) {
       used[c] = kernels_.bin(job, bounds[c], bounds[c + 1], pairs.get() + pair_begin[c], counts.data() + c * bins);
     });
     // Bins of views that no pass has begun and that come before this pass. Their lists are empty; they are drawn with
@@ -215,7 +216,7 @@ class Drawing {
     uint32_t at = 0;
     for (int64_t b = 0; b < bins; ++b) {
       list_begin[ahead + b] = at;
-      for (int64_t c = 0; c < chunks; ++c) {
+      for (int64_t c = 0; c < runs; ++c) {
         const uint32_t n = counts[c * bins + b];
         counts[c * bins + b] = at;
         at += n;
@@ -225,7 +226,7 @@ class Drawing {
     counts_.add(Counter::candidates, total);
     counts_.add(Counter::entries, at);
     const auto entries = allocate<uint32_t>(at);
-    parallel_(chunks, [&](int64_t c) {
+    parallel_(runs, [&](int64_t c) {
       uint32_t* next = counts.data() + c * bins;
       for (const BinPair *p = pairs.get() + pair_begin[c], *stop = p + used[c]; p < stop; ++p)
         entries[next[p->bin]++] = p->entry;

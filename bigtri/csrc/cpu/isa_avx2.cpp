@@ -1,10 +1,19 @@
 // The kernels compiled for AVX2: kernels_avx2, which kernels.cpp chooses if this instruction set is in use. A pragma
 // sets the compiler's target, because all files of the extension are compiled with the same options.
-#include <immintrin.h>  // above the pragma: intrinsics name their own instruction sets
+
+// Every library header stands above the pragma. Intrinsics name their own instruction sets. Functions of the C++ library
+// must run on every machine, since the linker may take this file's copy of one for all files.
+#include <immintrin.h>
+#include <stdint.h>
+
+#include <atomic>
+#include <string>
+#include <vector>
+
 #if defined(__clang__)
-#pragma clang attribute push(__attribute__((target("avx2,bmi,bmi2,lzcnt,popcnt"))), apply_to = function)
+#pragma clang attribute push(__attribute__((target("avx2,bmi,bmi2,popcnt"))), apply_to = function)
 #else
-#pragma GCC target("avx2,bmi,bmi2,lzcnt,popcnt")
+#pragma GCC target("avx2,bmi,bmi2,popcnt")
 #endif
 #define BIGTRI_SIMD 256
 #include "kernel_table.inl"

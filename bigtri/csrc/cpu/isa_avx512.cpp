@@ -1,16 +1,25 @@
 // The kernels compiled for AVX-512: kernels_avx512, which kernels.cpp chooses if this instruction set is in use. A
 // pragma sets the compiler's target, because all files of the extension are compiled with the same options.
-#include <immintrin.h>  // above the pragma: intrinsics name their own instruction sets
+
+// Every library header stands above the pragma. Intrinsics name their own instruction sets. Functions of the C++ library
+// must run on every machine, since the linker may take this file's copy of one for all files.
+#include <immintrin.h>
+#include <stdint.h>
+
+#include <atomic>
+#include <string>
+#include <vector>
+
 #if !defined(__clang__)
 // gcc 12's own header reads an unset register on purpose (_mm512_undefined_epi32). gcc warns wherever such an intrinsic
 // is inlined.
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #endif
 #if defined(__clang__)
-#pragma clang attribute push(__attribute__((target("avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi,bmi2,lzcnt,popcnt"))), \
+#pragma clang attribute push(__attribute__((target("avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi,bmi2,popcnt"))), \
                              apply_to = function)
 #else
-#pragma GCC target("avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi,bmi2,lzcnt,popcnt,prefer-vector-width=512")
+#pragma GCC target("avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi,bmi2,popcnt,prefer-vector-width=512")
 #endif
 #define BIGTRI_SIMD 512
 #include "kernel_table.inl"
