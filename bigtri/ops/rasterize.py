@@ -13,6 +13,7 @@ from .. import native
 from ..choices import CULLS
 from ..precision import PRECISIONS, RUNGS, Arithmetic
 from ..reference import pipeline
+from ..reference.numerics import BACKGROUND
 from . import arguments, memory
 from .arguments import Array
 
@@ -40,6 +41,7 @@ def rasterize(
     parameters: Mapping[str, int] | None = None,
     cull: str = "none",
     scissor: tuple[int, int, int, int] | None = None,
+    ranges: Array | None = None,
     validate: bool | None = None,
     depth: bool = True,
     out: Array | None = None,
@@ -58,6 +60,9 @@ def rasterize(
             change no bit. The reference has none.
         cull: "none", "back" or "front": faces not to draw. Front faces are counter-clockwise on the screen.
         scissor: (x0, y0, x1, y1) in px, half-open; nothing is drawn outside it.
+        ranges: int32 [B, 2], on the CPU: the first triangle and the number of triangles of each view, for a batch of different
+            meshes. ``positions`` is then [V, 4], shared by the views. A triangle keeps its id in the whole list. Ranges may
+            overlap or be empty. Not on CUDA yet.
         validate: on the CPU indices are always checked. On CUDA a triangle with an index out of range is dropped and counted;
             True checks all of them first, which waits for the device.
         depth: whether to return the depth image. Without it, 4 bytes a pixel are not written.
@@ -69,7 +74,7 @@ def rasterize(
 
     Raises:
         TypeError, ValueError: an argument of another dtype, shape, device or value; the text names it.
-        RuntimeError: an index in ``triangles`` is out of range (nothing is drawn; on CUDA only with
+        RuntimeError: an index in ``triangles`` or a range is out of range (nothing is drawn; indices on CUDA only with
             ``validate=True``), or the backend is not built. Under torch.compile also where ``out`` shares memory with an input.
 
     torch.vmap has no rule for it, since it writes into memory: a batch of views is one call.
@@ -88,6 +93,7 @@ def rasterize(
     arguments.check_size(op, "positions", clip, -1, 4, "x, y, z, w")
     arguments.check_size(op, "triangles", faces, 1, 3, "corners")
     arguments.check_same_device(op, "reference", positions=clip, triangles=faces)  # no backend draws on the meta device
+    spans = None if ranges is None else _check_ranges(op, ranges, clip, faces, chosen)
     kind = clip.device.type
     rungs = native.REGISTRY.get(kind)
     if chosen == "native" and rungs is None:
@@ -102,8 +108,11 @@ def rasterize(
     if parameters and chosen == "reference":
         raise ValueError(f"bigtri.{op}: parameters must be None with the reference, which has none, got {dict(parameters)}")
 
-    shape = (*clip.shape[:-2], height, width)
-    packed = arguments.check_output(op, out, torch.int64, shape, clip.device, positions=clip, triangles=faces)
+    shape = (*(clip.shape[:-2] if spans is None else spans.shape[:1]), height, width)
+    inputs = {"positions": clip, "triangles": faces}
+    if spans is not None:
+        inputs["ranges"] = spans
+    packed = arguments.check_output(op, out, torch.int64, shape, clip.device, **inputs)
     dropped = clip.new_empty(shape[:-2], dtype=torch.int64)
     image = memory.new(clip, shape, torch.float32) if depth else None
     if chosen == "native":
@@ -111,10 +120,10 @@ def rasterize(
             check_indices(op, faces, clip.shape[-2])
         picked = next(iter(variants.values())) if variant == "auto" else variants[variant]
         values = native.parameter_values(op, picked, parameters)
-        drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, None, None)
+        drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, spans, None)
         torch.ops.bigtri.rasterize(*drawing, packed, image, dropped, None)
     else:
-        _draw_reference(op, clip, faces, box, cull, RUNGS[precision], packed, image, dropped)
+        _draw_reference(op, clip, faces, spans, box, cull, RUNGS[precision], packed, image, dropped)
 
     triangle = packed.view(torch.int32)[..., _LOW_HALF::2]
     if isinstance(positions, np.ndarray):
@@ -138,6 +147,7 @@ def _draw_reference(
     op: str,
     clip: torch.Tensor,
     faces: torch.Tensor,
+    spans: torch.Tensor | None,
     box: tuple[int, int, int, int],
     cull: str,
     arithmetic: Arithmetic,
@@ -145,16 +155,42 @@ def _draw_reference(
     image: torch.Tensor | None,
     dropped: torch.Tensor,
 ) -> None:
-    """Draw clip [V, 4] or [B, V, 4] with the reference into packed and depth [..., H, W] and dropped [...]."""
+    """Draw clip [V, 4] or [B, V, 4] with the reference into packed and depth [..., H, W] and dropped [...].
+
+    spans: the view's ranges [B, 2], with clip [V, 4]; None: all triangles in every view.
+    """
     check_indices(op, faces, clip.shape[-2])
-    views, results, lost = (clip, packed, dropped) if clip.ndim == 3 else (clip[None], packed[None], dropped[None])
     height, width = packed.shape[-2:]
-    for b, view in enumerate(views):
-        result, count = pipeline.rasterize(
-            view.cpu().numpy(), faces.cpu().numpy(), height, width, cull, box, arithmetic=arithmetic
+    views = 1 if packed.ndim == 2 else len(packed)
+    positions, triangles = clip.cpu().numpy(), faces.cpu().numpy()
+    results, lost = packed.view(views, height, width), dropped.view(views)
+    for b in range(views):
+        first, count = (0, len(triangles)) if spans is None else spans[b].tolist()
+        view = positions[b] if clip.ndim == 3 else positions
+        result, missing = pipeline.rasterize(
+            view, triangles[first : first + count], height, width, cull, box, arithmetic=arithmetic
         )
+        result[result != BACKGROUND] += first  # the id within the whole list
         results[b] = torch.from_numpy(result)
-        lost[b] = count
+        lost[b] = missing
     if image is not None:
         high = (packed >> 32).to(torch.int32)
-        image.copy_(torch.where(packed == torch.iinfo(torch.int64).max, torch.inf, high.view(torch.float32)))
+        image.copy_(torch.where(packed == BACKGROUND, torch.inf, high.view(torch.float32)))
+
+
+def _check_ranges(op: str, ranges: Array, clip: torch.Tensor, faces: torch.Tensor, backend: str) -> torch.Tensor:
+    """``ranges`` as a tensor [B, 2] that goes with positions [V, 4] and with the triangles."""
+    spans = arguments.check_tensor(op, "ranges", ranges, torch.int32, "[B, 2]", 2, backend)
+    arguments.check_size(op, "ranges", spans, 1, 2, "first triangle, number of triangles")
+    if not spans.is_cpu:
+        raise ValueError(f"bigtri.{op}: ranges must be on the CPU, got {spans.device}")
+    if clip.ndim != 2:
+        raise ValueError(f"bigtri.{op}: positions must be [V, 4] where ranges says what each view draws, got {list(clip.shape)}")
+    if backend == "reference":  # the operator checks by itself
+        for b, (first, count) in enumerate(spans.tolist()):
+            if first < 0 or count < 0 or first + count > len(faces):
+                raise RuntimeError(
+                    f"bigtri.{op}: ranges must be (first, count) within the {len(faces)} triangles, "
+                    f"got ({first}, {count}) for view {b}"
+                )
+    return spans

@@ -148,10 +148,9 @@ def test_what_nothing_serves_yet_is_refused_by_name() -> None:
     case = make("on_bins")
     height, width = case.resolution
     packed = torch.empty(1, height, width, dtype=torch.int64)
-    ranges = torch.zeros(1, 2, dtype=torch.int32)
-    for name, samples, r, behind in (("samples", 4, None, None), ("ranges", 1, ranges, None), ("behind", 1, None, packed)):
+    for name, samples, behind in (("samples", 4, None), ("behind", 1, packed)):
         mesh = torch.from_numpy(case.positions)[None], torch.from_numpy(case.triangles)
         values = (*mesh, height, width, "none", [0, 0, width, height])
         outputs = (packed, None, torch.empty(1, dtype=torch.int64), None)
         with pytest.raises(RuntimeError, match=f"bigtri::rasterize: {name} must be"):
-            call("rasterize", (*values, "bin_owned", "exact", samples, [], r, behind, *outputs))
+            call("rasterize", (*values, "bin_owned", "exact", samples, [], None, behind, *outputs))

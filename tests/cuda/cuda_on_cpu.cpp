@@ -318,6 +318,7 @@ int draw_on_cpu(const char* variant, int32_t views, const float* positions, int6
   f.positions = p.of<float>();
   f.triangles = t.of<int32_t>();
   f.vertices = vertices;
+  f.view_stride = vertices * 4;
   f.count = count;
   f.views = views;
   f.view = {view[0], view[1], view[2], view[3], view[4], view[5], view[6]};

@@ -12,6 +12,7 @@ from backends import BACKENDS
 from cases import CASES, random_corners, soup
 
 import bigtri
+from bigtri import native
 
 POSITIONS = np.array([[-0.5, -0.5, 0, 1], [0.5, -0.5, 0, 1], [0, 0.5, 0, 1]], np.float32)
 TRIANGLES = np.array([[0, 1, 2]], np.int32)
@@ -51,6 +52,67 @@ def test_batch_equals_single_views(backend):
     for k in range(3):
         single = bigtri.rasterize(views[k], triangles, (60, 70), backend=backend)
         assert all(np.array_equal(a[k], b) for a, b in zip(batch, single, strict=True))
+
+
+RANGES = [(0, 40), (7, 1), (12, 0), (40, 0), (5, 30), (39, 1), (0, 12)]  # overlapping, empty, at the end
+
+
+@pytest.mark.parametrize("variant", ["auto", *native.VARIANTS.get("cpu", ())])
+def test_ranges_are_views_of_some_triangles(backend, variant):
+    if backend == "reference" and variant != "auto":
+        pytest.skip("the reference has no variants")
+    positions = soup(random_corners(np.random.default_rng(9), 40, 1.3), (70, 130)).positions
+    positions[3 * 5, 1] = np.nan
+    triangles = np.arange(120, dtype=np.int32).reshape(-1, 3)
+    ranges = np.array(RANGES, np.int32)
+    options = {"backend": backend, "variant": variant}
+    batch = bigtri.rasterize(positions, triangles, (70, 130), ranges=ranges, **options)
+    assert batch.packed.shape == (7, 70, 130) and batch.dropped.tolist() == [1, 0, 0, 0, 1, 0, 1]
+    for k, (first, count) in enumerate(RANGES):
+        single = bigtri.rasterize(positions, triangles[first : first + count], (70, 130), **options)
+        assert np.array_equal(batch.depth[k], single.depth) and batch.dropped[k] == single.dropped
+        assert np.array_equal(batch.triangle[k], np.where(single.triangle < 0, -1, single.triangle + first))
+        assert np.array_equal(batch.packed[k] >> 32, single.packed >> 32)
+    reference = bigtri.rasterize(positions, triangles, (70, 130), ranges=ranges, backend="reference")
+    assert all(np.array_equal(a, b) for a, b in zip(batch, reference, strict=True))
+
+
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+@pytest.mark.parametrize("threads", [1, 3])
+def test_ranges_with_the_smallest_queues(threads):
+    positions = torch.from_numpy(soup(random_corners(np.random.default_rng(9), 40, 1.3), (70, 130)).positions)
+    triangles = torch.arange(120, dtype=torch.int32).reshape(-1, 3)
+    ranges = torch.tensor(RANGES * 3, dtype=torch.int32)
+    expected = bigtri.rasterize(positions, triangles, (70, 130), ranges=ranges, backend="reference")
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(threads)
+        for records, candidates in ((1, 1), (3, 2), (50, 7)):
+            limits = {"records": records, "candidates": candidates}
+            got = bigtri.rasterize(positions, triangles, (70, 130), ranges=ranges, variant="bin_owned", parameters=limits)
+            assert all(torch.equal(a, b) for a, b in zip(got, expected, strict=True)), limits
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_what_is_wrong_with_ranges(backend):
+    def draw(ranges, positions=POSITIONS, **options):
+        return bigtri.rasterize(positions, TRIANGLES, (8, 8), ranges=ranges, backend=backend, **options)
+
+    count = len(TRIANGLES)
+    for wrong in ((0, count + 1), (-1, 1), (0, -1), (count + 1, 0), (2**31 - 1, 2**31 - 1)):
+        with pytest.raises(RuntimeError, match=rf"ranges must be \(first, count\) within the {count} triangles, got .* view 1"):
+            draw(np.array([(0, count), wrong], np.int32))
+    with pytest.raises(TypeError, match="ranges must be int32 .B, 2., got int64"):
+        draw(np.array([(0, 1)]))
+    with pytest.raises(ValueError, match="ranges must have size 2 in dimension 1"):
+        draw(np.zeros((3, 3), np.int32))
+    with pytest.raises(ValueError, match=r"positions must be \[V, 4\] where ranges says"):
+        draw(np.zeros((1, 2), np.int32), POSITIONS[None])
+    memory = torch.zeros(64, dtype=torch.int64)
+    with pytest.raises(ValueError, match="out must not share memory with ranges"):
+        draw(memory.view(torch.int32)[:2].view(1, 2), torch.from_numpy(POSITIONS), out=memory.view(1, 8, 8))
+    assert draw(np.zeros((0, 2), np.int32)).packed.shape == (0, 8, 8)
 
 
 def test_culling_is_by_winding_on_the_screen(backend):

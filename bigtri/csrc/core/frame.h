@@ -20,9 +20,9 @@ struct Viewport {
   int cull;            // a Cull: which faces are not drawn
 };
 
-// All views of one mesh. On CUDA the pointers are to device memory.
+// All views of a list of triangles. On CUDA the pointers are to device memory.
 struct Frame {
-  const float* positions;    // [views, vertices, 4], clip space
+  const float* positions;    // [views, vertices, 4], clip space; [vertices, 4] if view_stride is 0
   const int32_t* triangles;  // [count, 3], vertex indices, shared by all views
   int64_t vertices;          // per view
   int32_t count;             // triangles
@@ -32,14 +32,26 @@ struct Frame {
   float* depth;       // out: [views, height, width], window depth; or null
   int64_t* dropped;   // out: [views], triangles dropped
   int64_t* counters;  // out, added to: [kCounters]; null if nothing is counted (counters.h)
+  int64_t view_stride;    // floats from one view's positions to the next's; 0 if all views share them
+  const int32_t* ranges;  // [views, 2], each view's first triangle and number of triangles; null: all in every view
 };
 
-// One view of a frame, as a frame.
+// The triangles [first, end) of a view. A triangle's id is its place in the whole list.
+struct Range {
+  int64_t first, end;
+};
+BIGTRI_HD Range range_of(const Frame& f, int64_t view) {
+  if (!f.ranges) return {0, f.count};
+  return {f.ranges[2 * view], (int64_t)f.ranges[2 * view] + f.ranges[2 * view + 1]};
+}
+
+// One view of a frame, as a frame. Its range, if there are ranges, is range_of(one, 0).
 BIGTRI_HD Frame view_of(const Frame& f, int64_t view) {
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
   Frame one = f;
   one.views = 1;
-  one.positions = f.positions + view * f.vertices * 4;
+  one.positions = f.positions + view * f.view_stride;
+  one.ranges = f.ranges ? f.ranges + 2 * view : nullptr;
   one.packed = f.packed + view * pixels;
   one.depth = f.depth ? f.depth + view * pixels : nullptr;
   one.dropped = f.dropped + view;

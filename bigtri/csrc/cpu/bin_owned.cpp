@@ -89,7 +89,8 @@ class Drawing {
   void draw() {
     std::fill(frame_.dropped, frame_.dropped + frame_.views, 0);
     const int64_t used = frame_.count ? frame_.highest - frame_.lowest + 1 : 0;
-    const int64_t together = std::clamp<int64_t>(used ? kGroupVertices / used : 0, 1, std::max(frame_.views, 1));
+    int64_t together = std::max(frame_.views, 1);
+    if (used && frame_.view_stride) together = std::clamp<int64_t>(kGroupVertices / used, 1, together);
     for (int64_t view = 0; used && view < frame_.views; view += together)
       draw_group(view, std::min<int64_t>(together, frame_.views - view), used);
     raster(frame_.views, nullptr, nullptr);  // background of the views that no pass has begun
@@ -99,30 +100,39 @@ class Drawing {
  private:
   // Draws the group of views [first, first + views). used: vertices from the lowest index in use to the highest.
   void draw_group(int64_t first, int64_t views, int64_t used) {
-    const auto vertices = allocate<Vertex>(views * used);
+    const int64_t stride = frame_.view_stride ? used : 0;  // views that share their positions share the vertices too
+    const int64_t meshes = stride ? views : 1;
+    const auto vertices = allocate<Vertex>(meshes * used);
     // A view's vertices are projected in pieces, some 4 per thread in all.
-    const int64_t pieces = std::clamp<int64_t>(4 * parallel_.threads / views, 1, used / 4096 + 1);
-    parallel_(views * pieces, [&](int64_t i) {
+    const int64_t pieces = std::clamp<int64_t>(4 * parallel_.threads / meshes, 1, used / 4096 + 1);
+    parallel_(meshes * pieces, [&](int64_t i) {
       const int64_t view = i / pieces, piece = i % pieces, begin = used * piece / pieces,
                     end = used * (piece + 1) / pieces;
       kernels_.project(positions(first + view), frame_.lowest + begin, frame_.lowest + end, frame_.view.width,
-                       frame_.view.height, vertices.get() + view * used + begin);
+                       frame_.view.height, vertices.get() + view * stride + begin);
     });
     const auto job_of = [&](int64_t view) {
-      return SetupJob{positions(first + view), frame_.triangles, vertices.get() + view * used, frame_.lowest,
+      return SetupJob{positions(first + view), frame_.triangles, vertices.get() + view * stride, frame_.lowest,
                       frame_.view};
     };
 
-    // Some 8 chunks per thread, of 64 to kMaxChunk triangles, and of no more than a batch has slots.
-    const int64_t count = frame_.count,
-                  size = std::min(most_records_,
-                                  std::clamp<int64_t>(views * count / (8 * parallel_.threads), 64, kMaxChunk));
-    const int64_t per_view = (count + size - 1) / size;
-    std::vector<Chunk> chunks(views * per_view);
+    // Some 8 chunks per thread, of 64 to kMaxChunk triangles, and of no more than a batch has slots. A view without
+    // triangles has none.
+    int64_t triangles = 0;
+    for (int64_t view = 0; view < views; ++view) {
+      const Range range = range_of(frame_, first + view);
+      triangles += range.end - range.first;
+    }
+    const int64_t size =
+        std::min(most_records_, std::clamp<int64_t>(triangles / (8 * parallel_.threads), 64, kMaxChunk));
+    std::vector<Chunk> chunks;
+    for (int64_t view = 0; view < views; ++view) {
+      const Range range = range_of(frame_, first + view);
+      for (int64_t begin = range.first; begin < range.end; begin += size)
+        chunks.push_back({view, begin, std::min(range.end, begin + size), 0, 0, 0, 0});
+    }
     parallel_((int64_t)chunks.size(), [&](int64_t c) {
-      const int64_t view = c / per_view, begin = c % per_view * size;
-      chunks[c] = {view, begin, std::min(count, begin + size), 0, 0, 0, 0};
-      chunks[c].slots = slots_needed(job_of(view), begin, chunks[c].end);
+      chunks[c].slots = slots_needed(job_of(chunks[c].view), chunks[c].begin, chunks[c].end);
     });
 
     // One batch: the chunks [begin, end).
@@ -149,7 +159,7 @@ class Drawing {
       std::vector<int64_t> view_begin;
       const int64_t first_view = first + chunks[begin].view;
       for (size_t i = begin; i < end; ++i) {
-        if (first + chunks[i].view == first_view + (int64_t)view_begin.size()) view_begin.push_back(chunks[i].slot);
+        while (first_view + (int64_t)view_begin.size() <= first + chunks[i].view) view_begin.push_back(chunks[i].slot);
         frame_.dropped[first + chunks[i].view] += chunks[i].dropped;
         counts_.add(Counter::records, chunks[i].used);
       }
@@ -159,7 +169,7 @@ class Drawing {
     }
   }
 
-  const float* positions(int64_t view) const { return frame_.positions + view * frame_.vertices * 4; }
+  const float* positions(int64_t view) const { return frame_.positions + view * frame_.view_stride; }
 
   // Draws a batch, in as many passes as most_candidates_ asks for. The records of view first_view + v are in the slots
   // [view_begin[v], view_begin[v + 1]). A slot without candidates has no record.
@@ -182,9 +192,9 @@ class Drawing {
   }
 
   // Sorts the records in slots [begin, end) into bin lists and draws the bins of their views. total: their candidates.
-  // The sort is a counting sort of (bin, entry) pairs. The slots are cut into runs of about equal candidates, here
-  // called chunks. Count: each chunk writes its pairs and counts them per bin. Place: running sums turn the counts into
-  // places in `entries`. Scatter: each chunk copies its entries there. Places follow the order of the chunks, so the
+  // The sort is a counting sort of (bin, entry) pairs. The slots are cut into runs of about equal candidates.
+  // Count: each run writes its pairs and counts them per bin. Place: running sums turn the counts into
+  // places in `entries`. Scatter: each run copies its entries there. Places follow the order of the runs, so the
   // lists do not depend on the threads.
   void pass(const Record* records, const uint32_t* candidates, int64_t begin, int64_t end, int64_t total,
             int64_t first_view, int64_t views, const int64_t* view_begin) {

@@ -64,7 +64,8 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
   const int64_t share = values[0], shares = (frame.count + share - 1) / share;
   parallel(frame.views * shares, [&](int64_t task) {
     const Frame view = view_of(frame, task / shares);
-    const int64_t begin = task % shares * share, end = std::min<int64_t>(begin + share, frame.count);
+    const Range range = range_of(view, 0);
+    const int64_t begin = range.first + task % shares * share, end = std::min(begin + share, range.end);
     Counts counts;
     Parent parent;
     int64_t dropped = 0;

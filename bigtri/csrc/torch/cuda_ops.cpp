@@ -19,7 +19,9 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   const CudaVariant& chosen =
       find_variant(op, find_rung(op, kCudaRungs, precision).variants, variant, precision, " on CUDA");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
-  check_unserved(samples, ranges, behind);
+  check_unserved(samples, behind);
+  BIGTRI_CHECK(!ranges, "bigtri::rasterize: ranges must be None on CUDA, where no variant draws ranges yet, got ",
+               describe(*ranges));
   BIGTRI_CHECK(!counters, "bigtri::rasterize: counters must be None on CUDA, where no variant counts, got ",
                describe(*counters));
   BIGTRI_CHECK(positions.defined() && positions.is_cuda(),
@@ -27,11 +29,12 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   const int device = positions.get_device_index();
   Frame frame = {};
   frame.view = viewport(op, height, width, cull, scissor);
-  frame.views = checked_views(device, positions, triangles, height, width, packed, depth, dropped);
+  frame.views = checked_views(device, positions, triangles, height, width, ranges, packed, depth, dropped);
   check_count(op, "triangles", triangles.size(0));
   frame.positions = const_data<float>(positions);
   frame.triangles = const_data<int32_t>(triangles);
   frame.vertices = positions.size(-2);
+  frame.view_stride = frame.vertices * 4;
   frame.count = (int32_t)triangles.size(0);
   frame.packed = data<int64_t>(packed);
   frame.depth = depth ? data<float>(*depth) : nullptr;

@@ -29,13 +29,15 @@ void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
   const Variant& chosen = find_variant(op, counters ? rung.counting : rung.variants, variant, precision, "");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
-  check_unserved(samples, ranges, behind);
-  const int32_t views = checked_views(kCpu, positions, triangles, height, width, packed, depth, dropped);
+  check_unserved(samples, behind);
+  const int32_t views = checked_views(kCpu, positions, triangles, height, width, ranges, packed, depth, dropped);
   if (counters) check(op, "counters", *counters, ScalarType::Long, {kCounters}, "int64 [one for each counter]");
   const Parallel parallel = torch_threads();
   CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(-2));
   frame.positions = const_data<float>(positions);
   frame.views = views;
+  frame.view_stride = ranges ? 0 : positions.size(-2) * 4;
+  frame.ranges = ranges ? const_data<int32_t>(*ranges) : nullptr;
   frame.view = view;
   frame.packed = data<int64_t>(packed);
   frame.depth = depth ? data<float>(*depth) : nullptr;
