@@ -84,9 +84,9 @@ BIGTRI_INLINE void draw_large(const Large& l, uint64_t visible, int64_t* pixels)
 
 // Draws a block of large records. First it gathers the depth bound of every tile that a record of the block fills. Then
 // it draws the tiles of each record that are not behind the bounds of the bin and of the tile. A far record gives no
-// bound: fragments with z > 1 are dropped, so it may leave pixels open.
-void draw_block(Scratch* s, int count, float bin_far) {
-  uint64_t bounded = 0;
+// bound: fragments with z > 1 are dropped, so it may leave pixels open. bounded: the tiles that have a bound, those of
+// earlier blocks too; returns it with this block's.
+uint64_t draw_block(Scratch* s, int count, float bin_far, uint64_t bounded) {
   for (int i = 0; i < count; ++i) {
     Large& l = s->block[i];
     // Records that were added to the block after this one may have brought bin_far nearer.
@@ -112,6 +112,18 @@ void draw_block(Scratch* s, int count, float bin_far) {
     }
     if (visible) draw_large(l, visible, s->pixels);
   }
+  return bounded;
+}
+
+// Whether a small record is behind the depth bound of each tile of the bin that its bbox touches.
+BIGTRI_INLINE bool is_hidden(const Record& r, int bin_x, int bin_y, const float* tile_far) {
+  const int left = bin_x * kBin, top = bin_y * kBin;
+  const int x0 = max_of(r.x0 - left, 0) / kTile, x1 = (min_of(r.x1 - left, kBin) - 1) / kTile;
+  const int y0 = max_of(r.y0 - top, 0) / kTile, y1 = (min_of(r.y1 - top, kBin) - 1) / kTile;
+  for (int y = y0; y <= y1; ++y)
+    for (int x = x0; x <= x1; ++x)
+      if (!(r.zmin > tile_far[8 * y + x])) return false;
+  return true;
 }
 
 // The direct path: a small record within the bin, row by row of its bbox, eight pixels at a time. f fits int32 up to 8
@@ -170,6 +182,7 @@ void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, 
     }
   for (int i = 0; i < 64; ++i) s->tile_far[i] = kInfinity;
   int count = 0;
+  uint64_t bounded = 0;
   bool any_small = false;
   for (const uint32_t* e = list; e < end; ++e) {
     if (*e & kEntrySmall) {
@@ -191,15 +204,17 @@ void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, 
         m.touched & bbox_tiles(r.x0 - bin_x * kBin, r.y0 - bin_y * kBin, r.x1 - bin_x * kBin, r.y1 - bin_y * kBin);
     l.full = m.full & l.touched;
     if (++count == kBlock) {
-      draw_block(s, count, bin_far);
+      bounded = draw_block(s, count, bin_far, bounded);
       count = 0;
     }
   }
-  draw_block(s, count, bin_far);
+  bounded = draw_block(s, count, bin_far, bounded);
   if (!any_small) return;
   for (const uint32_t* e = list; e < end; ++e) {
     const Record& r = job.records[*e >> kEntryShift];
-    if ((*e & kEntrySmall) && !(r.zmin > bin_far)) draw_small_record(r, bin_x, bin_y, s->pixels);
+    if (!(*e & kEntrySmall) || r.zmin > bin_far) continue;
+    if (bounded && is_hidden(r, bin_x, bin_y, s->tile_far)) continue;
+    draw_small_record(r, bin_x, bin_y, s->pixels);
   }
 }
 
