@@ -42,6 +42,9 @@ enum { kRecords, kCandidates };
 constexpr int64_t kRecordsToJoin = 1 << 14;
 // Vertices of a group, 16 bytes each. A group has one view at least, however many vertices that has.
 constexpr int64_t kGroupVertices = 1 << 20;
+// px. A larger depth image, of more than 16 MB, is streamed. At 1920x1080 px ordinary stores take 0.15 ms less, since
+// the image stays in the last-level cache; at 3840x2160 px streaming takes 2 ms less.
+constexpr int64_t kDepthInCache = 1 << 22;
 // Counters of the counting sort, 4 bytes each. Every run of records that a pass counts has one per bin.
 constexpr int64_t kMostCounts = 1 << 23;
 
@@ -82,6 +85,7 @@ class Drawing {
     job_.view = frame.view;
     job_.packed = frame.packed;
     job_.depth = frame.depth;
+    job_.streams_depth = (int64_t)frame.views * frame.view.width * frame.view.height > kDepthInCache;
     job_.bins_x = bin_columns(frame.view);
     job_.bins = job_.bins_x * bin_rows(frame.view);
   }

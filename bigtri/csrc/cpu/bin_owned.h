@@ -45,6 +45,7 @@ struct RasterJob {
   Viewport view;  // the same for every view
   int64_t* packed;  // out: [views, H, W]
   float* depth;  // out: [views, H, W] or null
+  bool streams_depth;  // past the caches: pays for images that do not stay in them anyway
 };
 
 // Bytes of a worker's scratch memory. Its layout, struct Scratch in bin_owned.inl, depends on the instruction set.

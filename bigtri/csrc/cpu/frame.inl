@@ -50,8 +50,10 @@ BIGTRI_INLINE void store_row(const RasterJob& job, const Patch& p, int j, const 
     for (int i = 0; i < p.width; ++i) to[i] = row ? row[i] : kBackground;
   if (!job.depth) return;
   float* depth = job.depth + at;
-  if (p.width == kBin && ((uintptr_t)depth & 31) == 0)
+  if (p.width == kBin && job.streams_depth && ((uintptr_t)depth & 31) == 0)
     for (int i = 0; i < kBin; i += 8) stream(depth + i, depths_of(row ? load<i64x8>(row + i) : background));
+  else if (p.width == kBin)
+    for (int i = 0; i < kBin; i += 8) store(depth + i, depths_of(row ? load<i64x8>(row + i) : background));
   else
     for (int i = 0; i < p.width; ++i) depth[i] = depth_of(row ? row[i] : kBackground);
 }
