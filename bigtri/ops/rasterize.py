@@ -93,7 +93,7 @@ def rasterize(
     arguments.check_size(op, "positions", clip, -1, 4, "x, y, z, w")
     arguments.check_size(op, "triangles", faces, 1, 3, "corners")
     arguments.check_same_device(op, "reference", positions=clip, triangles=faces)  # no backend draws on the meta device
-    spans = None if ranges is None else _check_ranges(op, ranges, clip, faces, chosen)
+    checked_ranges = None if ranges is None else _check_ranges(op, ranges, clip, faces, chosen)
     kind = clip.device.type
     rungs = native.REGISTRY.get(kind)
     if chosen == "native" and rungs is None:
@@ -108,10 +108,10 @@ def rasterize(
     if parameters and chosen == "reference":
         raise ValueError(f"bigtri.{op}: parameters must be None with the reference, which has none, got {dict(parameters)}")
 
-    shape = (*(clip.shape[:-2] if spans is None else spans.shape[:1]), height, width)
+    shape = (*(clip.shape[:-2] if checked_ranges is None else checked_ranges.shape[:1]), height, width)
     inputs = {"positions": clip, "triangles": faces}
-    if spans is not None:
-        inputs["ranges"] = spans
+    if checked_ranges is not None:
+        inputs["ranges"] = checked_ranges
     packed = arguments.check_output(op, out, torch.int64, shape, clip.device, **inputs)
     dropped = clip.new_empty(shape[:-2], dtype=torch.int64)
     image = memory.new(clip, shape, torch.float32) if depth else None
@@ -120,10 +120,10 @@ def rasterize(
             check_indices(op, faces, clip.shape[-2])
         picked = next(iter(variants.values())) if variant == "auto" else variants[variant]
         values = native.parameter_values(op, picked, parameters)
-        drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, spans, None)
+        drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, checked_ranges, None)
         torch.ops.bigtri.rasterize(*drawing, packed, image, dropped, None)
     else:
-        _draw_reference(op, clip, faces, spans, box, cull, RUNGS[precision], packed, image, dropped)
+        _draw_reference(op, clip, faces, checked_ranges, box, cull, RUNGS[precision], packed, image, dropped)
 
     triangle = packed.view(torch.int32)[..., _LOW_HALF::2]
     if isinstance(positions, np.ndarray):
@@ -147,7 +147,7 @@ def _draw_reference(
     op: str,
     clip: torch.Tensor,
     faces: torch.Tensor,
-    spans: torch.Tensor | None,
+    checked_ranges: torch.Tensor | None,
     box: tuple[int, int, int, int],
     cull: str,
     arithmetic: Arithmetic,
@@ -157,7 +157,7 @@ def _draw_reference(
 ) -> None:
     """Draw clip [V, 4] or [B, V, 4] with the reference into packed and depth [..., H, W] and dropped [...].
 
-    spans: the view's ranges [B, 2], with clip [V, 4]; None: all triangles in every view.
+    checked_ranges: the view's ranges [B, 2], with clip [V, 4]; None: all triangles in every view.
     """
     check_indices(op, faces, clip.shape[-2])
     height, width = packed.shape[-2:]
@@ -165,7 +165,7 @@ def _draw_reference(
     positions, triangles = clip.cpu().numpy(), faces.cpu().numpy()
     results, lost = packed.view(views, height, width), dropped.view(views)
     for b in range(views):
-        first, count = (0, len(triangles)) if spans is None else spans[b].tolist()
+        first, count = (0, len(triangles)) if checked_ranges is None else checked_ranges[b].tolist()
         view = positions[b] if clip.ndim == 3 else positions
         result, missing = pipeline.rasterize(
             view, triangles[first : first + count], height, width, cull, box, arithmetic=arithmetic
@@ -180,17 +180,17 @@ def _draw_reference(
 
 def _check_ranges(op: str, ranges: Array, clip: torch.Tensor, faces: torch.Tensor, backend: str) -> torch.Tensor:
     """``ranges`` as a tensor [B, 2] that goes with positions [V, 4] and with the triangles."""
-    spans = arguments.check_tensor(op, "ranges", ranges, torch.int32, "[B, 2]", 2, backend)
-    arguments.check_size(op, "ranges", spans, 1, 2, "first triangle, number of triangles")
-    if not spans.is_cpu:
-        raise ValueError(f"bigtri.{op}: ranges must be on the CPU, got {spans.device}")
+    checked_ranges = arguments.check_tensor(op, "ranges", ranges, torch.int32, "[B, 2]", 2, backend)
+    arguments.check_size(op, "ranges", checked_ranges, 1, 2, "first triangle, number of triangles")
+    if not checked_ranges.is_cpu:
+        raise ValueError(f"bigtri.{op}: ranges must be on the CPU, got {checked_ranges.device}")
     if clip.ndim != 2:
         raise ValueError(f"bigtri.{op}: positions must be [V, 4] where ranges says what each view draws, got {list(clip.shape)}")
     if backend == "reference":  # the operator checks by itself
-        for b, (first, count) in enumerate(spans.tolist()):
+        for b, (first, count) in enumerate(checked_ranges.tolist()):
             if first < 0 or count < 0 or first + count > len(faces):
                 raise RuntimeError(
                     f"bigtri.{op}: ranges must be (first, count) within the {len(faces)} triangles, "
                     f"got ({first}, {count}) for view {b}"
                 )
-    return spans
+    return checked_ranges

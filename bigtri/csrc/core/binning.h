@@ -1,5 +1,5 @@
-// Which 64x64 px bins a large record goes to; docs/numerics.md 4. Binning follows setup, and its entries go to the tile
-// masks. Mirrors bigtri/reference/binning.py.
+// Which 64x64 px bins an edge of a large record rejects; docs/numerics.md 4. Binning follows setup, and its entries go
+// to the tile masks. Mirrors bigtri/reference/binning.py.
 #pragma once
 
 #include "numerics.h"
@@ -7,7 +7,8 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// Whether a bbox (px, half-open) has more than threshold pixels.
+// Whether a bbox (px, half-open, within the scissor) has more than threshold pixels. bin_owned also treats as large
+// what extends over more than 1024 px (record.h); the bits are the same.
 BIGTRI_HD bool is_large(int x0, int y0, int x1, int y1, int64_t threshold) {
   return (int64_t)(x1 - x0) * (y1 - y0) > threshold;
 }
@@ -29,8 +30,8 @@ BIGTRI_HD BinBox bin_box(const Boxed& r) {
 BIGTRI_HD int bin_columns(const Viewport& v) { return (v.width + kBin - 1) / kBin; }
 BIGTRI_HD int bin_rows(const Viewport& v) { return (v.height + kBin - 1) / kBin; }
 
-// f of one edge over a bin, before it is narrowed. It needs int64: |e| < 2^49 gives |f| <= 2^41, so that far from the
-// edge |f| can exceed 2^31 hundreds of times.
+// f of one edge over a bin, before it is narrowed. It needs int64: |e| < 2^49 gives |f| <= 2^41, which is 1024 times
+// what int32 holds.
 struct BinEdge {
   int32_t sx, sy;  // change of f per px in x and in y; below 2^24 in magnitude
   int64_t f, lowest, highest;  // f at the bin's first pixel centre, and its extremes over all 64x64
@@ -66,9 +67,9 @@ BIGTRI_HD BinEdge bin_edge(const Edge& e, int bin_x, int bin_y, SamplePoint at =
   return b;
 }
 
-// f of one edge inside a bin that the edge does not reject, in int32. An edge that has the whole bin inside becomes the
-// constant 0. Any other edge crosses the bin: highest >= 0 and lowest < 0. Extremes of both signs are no farther from 0
-// than from each other, so at each of the 64x64 centres |f| <= highest - lowest = 63 * (|sx| + |sy|) <= 63 * 2^25
+// f of one edge inside a bin that the edge does not reject, in int32. If the whole bin lies inside the edge, f becomes
+// the constant 0. Any other edge crosses the bin: lowest < 0 <= highest. So at each of the 64x64 centres |f| is at most
+// the difference of the two, |f| <= highest - lowest = 63 * (|sx| + |sy|) <= 63 * 2^25
 // = 63/64 * 2^31.
 struct NarrowEdge {
   int32_t f, sx, sy;

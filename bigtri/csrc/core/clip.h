@@ -11,8 +11,9 @@ inline namespace BIGTRI_NAMESPACE {
 constexpr int kPlanes = 6;  // near, X-, X+, Y-, Y+, depth
 constexpr int kNear = 0;
 // Most vertices that a polygon can have. A convex polygon gains at most one vertex per plane, but rounding can leave
-// one that is not quite convex. If r runs of its n vertices are outside, at most n - r vertices are kept, and 2r are
-// new. Runs are separated, so r <= n/2, and n becomes at most 3n/2 at each plane: 3, 4, 6, 9, 13, 19, 28.
+// one that is not quite convex. If r maximal sequences of consecutive vertices, of n vertices in all, are outside, at
+// most n - r vertices are kept, and 2r are new. The sequences are separated, so r <= n/2, and n becomes at most 3n/2 at
+// each plane: 3, 4, 6, 9, 13, 19, 28.
 constexpr int kMaxPolygon = 28;
 constexpr int kMaxSubTriangles = kMaxPolygon - 2;
 
@@ -23,7 +24,8 @@ struct Plane {
   double a, b;
 };
 
-// Plane k of the table in numerics.md 2.1, for an image of width by height px.
+// Plane k of the table in numerics.md 2.1, for an image of width by height px. The distance is in subpx times w for
+// planes 1 to 4.
 BIGTRI_HD Plane clip_plane(int k, int width, int height) {
   const double w = (double)kHalf * width, h = (double)kHalf * height, low = kGuard, high = kGuard - 1;
   switch (k) {
@@ -68,9 +70,9 @@ BIGTRI_HD double meet(const Plane& plane, const double u[4], const double v[4], 
   return rounded_sum<8>(terms);
 }
 
-// The vertex where a plane cuts the polygon edge from a to b, whose ends it separates. The position is |dq| * p + |dp|
-// * q with the distances dp and dq written out, since the terms may cancel completely. It is symmetric in p and q, bit
-// for bit.
+// The vertex where a plane cuts the polygon edge from a to b, which lie on different sides of it. The position is |dq|
+// * p + |dp| * q with the distances dp and dq written out, since the terms may cancel completely. It is symmetric in p
+// and q, bit for bit.
 BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVertex slots[3], const ClipVertex& a,
                               const ClipVertex& b) {
   ClipVertex n;

@@ -16,8 +16,8 @@ BIGTRI_HD D weighted_depth(G g0, G g1, G g2, Z z0, Z z1, Z z2, const Area& area)
   return quotient((g0 * z0 + g1 * z1) + g2 * z2, area);
 }
 
-// The plane at pixel (i, j) of the cell, counted from its first pixel, is plane_row(j) + plane_column(i). Bins keep
-// both in tables.
+// The plane at pixel (i, j) of the cell, counted from its first pixel, is plane_row(j) + plane_column(i). bin_owned
+// tabulates both for a large record in a bin.
 template <class D>
 BIGTRI_HD D plane_row(double zcell, double dzdy, D j) {
   return zcell + dzdy * j;
@@ -44,8 +44,9 @@ struct CellPlane {
   double zcell, dzdx, dzdy;  // at the cell's first pixel centre, and the change per px
 };
 
-// The plane's nearest (farthest) value over the pixels from (i, j) to (i + last_x, j + last_y) of the cell. Rounding is
-// monotone, so the extreme lies at a corner. It is computed like the pixels themselves, so the bound needs no margin.
+// The plane's nearest value, or its farthest if `farthest`, over the pixels from (i, j) to (i + last_x, j + last_y) of
+// the cell. Rounding is monotone, so the extreme lies at a corner. It is computed like the pixels themselves, so the
+// bound needs no margin.
 BIGTRI_HD double corner_plane(const CellPlane& p, int i, int j, int last_x, int last_y, bool farthest) {
   const int x = (p.dzdx < 0) != farthest ? i + last_x : i, y = (p.dzdy < 0) != farthest ? j + last_y : j;
   return plane_row<double>(p.zcell, p.dzdy, exact_double(y)) + plane_column<double>(p.dzdx, exact_double(x));
@@ -86,8 +87,8 @@ BIGTRI_HD DepthGradient depth_gradient(const int32_t x[3], const int32_t y[3], c
           weighted_depth<double>(gy[0], gy[1], gy[2], z0, z1, z2, area)};
 }
 
-// From the unbiased edge values at the centre of pixel (x, y), before it is rounded to float32: the plane's anchor
-// zcell if the pixel is a cell's first, or the depth of a thin record's pixel. px, py: the record's vertices, subpx.
+// Depth at the centre of pixel (x, y) from the unbiased edge values there, in float64: the anchor zcell if the pixel is
+// a cell's first, or the depth of a thin record's pixel. px, py: the record's vertices, subpx.
 BIGTRI_HD double depth_at(const int32_t px[3], const int32_t py[3], const float z[3], const Divisor& area, int32_t x,
                           int32_t y) {
   double g[3];

@@ -55,8 +55,8 @@ BIGTRI_HD double rounded_sum(const double terms[kTerms]) {
       below = parts[i];
   }
   // If rest is exactly half a unit in total's last place, total was rounded to even without regard to below. If below
-  // has the sign of rest, the exact sum lies beyond the half, and total moves by a whole unit, twice the rest. The
-  // comparison of moved tells whether rest is half a unit: only then does adding twice the rest stay exact.
+  // has the sign of rest, the exact sum lies beyond the half, and total moves by a whole unit, twice the rest. If
+  // rest is not half a unit, adding twice the rest rounds, and moved - total == doubled does not hold.
   const double doubled = 2.0 * rest, moved = total + doubled;
   const bool same_sign = (rest > 0.0 && below > 0.0) || (rest < 0.0 && below < 0.0);
   return same_sign && moved - total == doubled ? moved : total;

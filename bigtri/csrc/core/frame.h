@@ -20,7 +20,7 @@ struct Viewport {
   int cull;            // a Cull: which faces are not drawn
 };
 
-// All views of a list of triangles. On CUDA the pointers are to device memory.
+// One call: a list of triangles and the views that it is drawn in. On CUDA the pointers are to device memory.
 struct Frame {
   const float* positions;    // [views, vertices, 4], clip space; [vertices, 4] if view_stride is 0
   const int32_t* triangles;  // [count, 3], vertex indices, shared by all views

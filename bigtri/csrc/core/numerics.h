@@ -31,10 +31,10 @@ constexpr int kHalf = kSubpixel / 2;  // from a pixel's border to its centre, su
 constexpr int kGuard = 1 << (15 + kSubpixelBits);  // X and Y lie in [-kGuard, kGuard - 1] subpx; G in numerics.md
 // All bounds on integers in core/ are proved for 8 sub-pixel bits. Fewer bits only make the integers smaller.
 static_assert(kSubpixelBits <= 8, "more sub-pixel bits need wider integers");
-constexpr int64_t kLargeThreshold = 4000;  // a record whose bbox has more px is large; numerics.md 4
+constexpr int64_t kLargeThreshold = 4000;  // a record whose bbox has more pixels is large; numerics.md 4
 constexpr int64_t kThinRatio = 32;  // decides which records are thin; numerics.md 7
 
-// Where a sample lies in its pixel, subpx from the pixel's upper left corner.
+// Where a sample lies in its pixel, subpx from the pixel's upper left corner. So far every sample is the centre.
 struct SamplePoint {
   int32_t x, y;
 };
@@ -64,8 +64,8 @@ BIGTRI_HD int64_t edge_bias(const Edge& e) { return ((e.dy < 0) | ((e.dy == 0) &
 // The centre of pixel p, subpx.
 BIGTRI_HD int32_t pixel_centre(int32_t p) { return p * kSubpixel + kHalf; }
 
-// f = floor((value + bias) / kSubpixel), since >> rounds down. A sample is covered where f >= 0 for all three edges.
-// From one pixel to the next, f changes by exactly -dy in x and +dx in y.
+// The edge value f in steps of a pixel, subpx: floor((value + bias) / kSubpixel), since >> rounds down. A sample is
+// covered where f >= 0 for all three edges. From one pixel to the next, f changes by exactly -dy in x and +dx in y.
 BIGTRI_HD int64_t steps_of(int64_t value, const Edge& e) { return (value + edge_bias(e)) >> kSubpixelBits; }
 
 // f at the sample point of pixel (x, y).

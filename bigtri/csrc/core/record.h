@@ -1,5 +1,6 @@
-// The record of a (sub)triangle, as rasterization reads it; docs/numerics.md 2.4. Setup makes it once from a Primitive,
-// with the depth gradients of section 7. Binning, tiles, spans and depth read it. Mirrors bigtri/reference/records.py.
+// The record of a (sub)triangle: the part of docs/numerics.md 2.4 that rasterization reads. Setup makes it once from a
+// Primitive, with the depth gradients of section 7. Binning, tiles, spans and depth read it. Mirrors
+// bigtri/reference/records.py.
 #pragma once
 
 #include "binning.h"
@@ -19,8 +20,8 @@ struct Record {  // 96 bytes, 104 on the GPU
   int32_t x0, y0, x1, y1;  // bbox, px, half-open
   uint32_t flags;  // kRecordLarge | kRecordThin | kRecordFar
 };
-// Large: goes through bins and tiles. Thin: depth is not computed from the plane (numerics.md 7). Far: zmax > 1, so
-// some fragments may be dropped.
+// Large: its bins are tested against its edges, and it is drawn by tiles. Thin: depth is not computed from the plane
+// (numerics.md 7). Far: zmax > 1, so some fragments may be dropped.
 constexpr uint32_t kRecordLarge = 1, kRecordThin = 2, kRecordFar = 4;
 
 // Largest extent of a small record, subpx. The direct path of small records keeps f in int32 without a bin test. Let

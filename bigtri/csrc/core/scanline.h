@@ -1,5 +1,5 @@
-// Exact spans of covered pixels in a row; docs/numerics.md 6. Rows of touched tiles and of small records are cut to
-// spans; depth is computed for their pixels. Mirrors bigtri/reference/scanline.py.
+// Exact spans of covered pixels in a row; docs/numerics.md 6. The stage `scanline` and the variant of that
+// name cut rows to spans; bin_owned tests eight pixels of a row at once instead. Mirrors bigtri/reference/scanline.py.
 #pragma once
 
 #include "numerics.h"

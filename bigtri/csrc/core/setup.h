@@ -10,7 +10,7 @@ inline namespace BIGTRI_NAMESPACE {
 // Vertex flags. Bits 0 to 5: the vertex is outside plane k.
 constexpr uint32_t kOutsideMask = (1u << kPlanes) - 1;
 constexpr uint32_t kNonFinite = 1u << 6;  // a component is infinite or a NaN
-constexpr uint32_t kBehind = 1u << 7;     // not w > 0
+constexpr uint32_t kBehind = 1u << 7;     // w <= 0 or a NaN
 
 // One projected vertex. x, y and z are meaningful only if flags is 0.
 struct Vertex {
@@ -226,9 +226,9 @@ BIGTRI_HD Fate fate_of(uint32_t a, uint32_t b, uint32_t c) {
   if (any == 0) return Fate::kWhole;
   if (any & kNonFinite) return Fate::kDropped;
   if (a & b & c & kOutsideMask) return Fate::kNothing;
-  // If all three vertices are inside every plane, one of them has w <= 0. It is (0, 0, 0, 0), which has no place on the
-  // screen: the near and depth distances add up to 5w >= 0, so w = 0; these two then give z = 0, and the others x = y =
-  // 0.
+  // A flag is set here. If it is no plane's, it is kBehind: some vertex has w <= 0. It is (0, 0, 0, 0), which has no
+  // place on the screen: the near and depth distances add up to 5w >= 0, so w = 0; these two then give z = 0, and the
+  // others x = y = 0.
   return (any & kOutsideMask) ? Fate::kClip : Fate::kNothing;
 }
 

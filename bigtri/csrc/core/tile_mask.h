@@ -1,5 +1,5 @@
 // Which of a bin's 8x8 tiles of 8x8 px an entry touches and fills; docs/numerics.md 5. The answers are 64-bit masks,
-// bit 8 * row + column. They come after binning, and decide which rows are cut to spans. Mirrors
+// bit 8 * row + column. They come after binning, and decide which rows are looked at. Mirrors
 // bigtri/reference/tile_mask.py. This file has the arithmetic; cpu/tile_mask.inl and cuda/direct.cuh build the masks.
 #pragma once
 
@@ -8,7 +8,7 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// The tiles that meet columns [x0, x1) and rows [y0, y1), which count px from the bin's upper left corner. They may
+// The tiles that meet columns [x0, x1) and rows [y0, y1), given in px from the bin's upper left corner. They may
 // reach beyond the bin.
 BIGTRI_HD uint64_t bbox_tiles(int x0, int y0, int x1, int y1) {
   x0 = max_of(x0, 0), y0 = max_of(y0, 0), x1 = min_of(x1, kBin), y1 = min_of(y1, kBin);

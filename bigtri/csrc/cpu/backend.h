@@ -26,7 +26,7 @@ void use_isa(Isa isa);
 
 // --- Variants
 
-// A frame whose vertex indices have been checked: all lie in [lowest, highest], and these name vertices. Without
+// A frame whose vertex indices have been checked: all lie in [lowest, highest], and both ends name vertices. Without
 // triangles lowest > highest.
 struct CheckedFrame : Frame {
   int64_t lowest, highest;
@@ -35,7 +35,8 @@ struct CheckedFrame : Frame {
 // Smallest and largest of count indices; (INT32_MAX, INT32_MIN) if count is 0.
 void index_range(const Parallel& parallel, const int32_t* indices, int64_t count, int64_t* lowest, int64_t* highest);
 
-// A way to schedule the work. All variants give the same bits. A variant is one file and its name in variants.h.
+// A way to schedule the work. All variants give the same bits. A variant is <name>.cpp, with what it needs
+// beside it, and its name in variants.h.
 struct Variant {
   const char* name;
   const char* paper;  // source of the design

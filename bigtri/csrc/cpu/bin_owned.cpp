@@ -19,7 +19,8 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Triangles of a chunk. A chunk fits a standard batch even if each of its triangles is clipped to kMaxSubTriangles.
+// Most triangles of a chunk. A chunk fits a standard batch even if each of its triangles is clipped to
+// kMaxSubTriangles.
 constexpr int64_t kMaxChunk = 4096;
 constexpr int64_t kStandardRecords = 1 << 18, kStandardCandidates = 1 << 23;
 static_assert(kMaxChunk * kMaxSubTriangles <= kStandardRecords, "a chunk fits a batch");
@@ -28,7 +29,8 @@ static_assert(kMaxChunk * kMaxSubTriangles <= kStandardRecords, "a chunk fits a 
 // one chunk at least, and a pass takes one record at least, so small bounds cannot stop a drawing.
 constexpr Parameter kParameters[] = {
     // An entry has 30 bits for its record's slot (kEntryShift).
-    {"records", "slots", "slots for (sub)triangles set up at once, 96 bytes each; a clipped triangle takes 26",
+    {"records", "slots",
+     "slots for (sub)triangles set up at once, 100 bytes each; a triangle outside a clip plane reserves 26",
      kStandardRecords, 1, int64_t{1} << 30},
     // list_begin is uint32.
     {"candidates", "bins", "bins that the records of a pass touch by their bounding boxes, 12 bytes each",
@@ -37,15 +39,15 @@ constexpr Parameter kParameters[] = {
 };
 enum { kRecords, kCandidates };
 
-// Slots per thread from which on no further view joins a batch: 1.5 MB of records, which the cache of one core holds.
-// With larger batches, setting up and drawing many small views takes 10 % longer.
+// Once a batch has this many slots per thread, it takes no chunk of another view: 1.5 MB of records, which the cache of
+// one core holds. With larger batches, setting up and drawing many small views takes 10 % longer.
 constexpr int64_t kRecordsToJoin = 1 << 14;
 // Vertices of a group, 16 bytes each. A group has one view at least, however many vertices that has.
 constexpr int64_t kGroupVertices = 1 << 20;
-// px. A larger depth image, of more than 16 MB, is streamed. At 1920x1080 px ordinary stores take 0.15 ms less, since
-// the image stays in the last-level cache; at 3840x2160 px streaming takes 2 ms less.
+// Pixels of all views. A depth image of more, 16 MiB, is streamed. At 1920x1080 px ordinary stores take 0.15 ms less,
+// since the image stays in the last-level cache; at 3840x2160 px streaming takes 2 ms less.
 constexpr int64_t kDepthInCache = 1 << 22;
-// Counters of the counting sort, 4 bytes each. Every run of records that a pass counts has one per bin.
+// Histogram entries of the counting sort, 4 bytes each. A pass has one per bin and run of records.
 constexpr int64_t kMostCounts = 1 << 23;
 
 template <class T>
@@ -120,7 +122,7 @@ class Drawing {
                       frame_.view};
     };
 
-    // Some 8 chunks per thread, of 64 to kMaxChunk triangles, and of no more than a batch has slots. A view without
+    // Some 8 chunks per thread, of 64 to kMaxChunk triangles, at most as many as a batch has slots. A view without
     // triangles has none.
     int64_t triangles = 0;
     for (int64_t view = 0; view < views; ++view) {
@@ -260,7 +262,8 @@ class Drawing {
     }
     job_.entries = entries;
     job_.list_begin = list_begin;
-    // Workers take bins one by one: a worker that got a crowded bin takes fewer of them.
+    // One task per worker, not per bin, since each needs scratch memory of its own. Workers take bins one by one: a worker
+    // that got a crowded bin takes fewer of them.
     std::atomic<int64_t> next{job_.first_bin};
     const int64_t end = end_view * job_.bins, workers = std::min<int64_t>(parallel_.threads, end - job_.first_bin);
     if (workers > 0)

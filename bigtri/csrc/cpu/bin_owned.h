@@ -9,11 +9,11 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
 // An entry of a bin list is slot << 2 | small << 1 | full. small: the record takes the direct path, without tiles.
-// full: no edge has a pixel centre of the bin outside. It is set only for large records.
+// full: every pixel centre of the bin lies inside all edges. It is set only for large records.
 constexpr uint32_t kEntryFull = 1, kEntrySmall = 2;
 constexpr int kEntryShift = 2;
 struct BinPair {
-  uint32_t bin, entry;  // bin counts from the first bin of the pass's first view
+  uint32_t bin, entry;  // bin is numbered from the first bin of the pass's first view
 };
 
 // The triangles of one view, for setup.
@@ -25,10 +25,11 @@ struct SetupJob {
   Viewport view;
 };
 
-// The records of several views, for binning. Those of view v are in the slots [view_begin[v], view_begin[v + 1]).
+// The records of several views, for binning. Those of view v, counted from the pass's first, are in the slots
+// [view_begin[v], view_begin[v + 1]).
 struct BinJob {
   const Record* records;
-  const uint32_t* candidates;  // bins that the record's bbox touches; 0: the slot has no record
+  const uint32_t* candidates;  // number of bins that the record's bbox touches; 0: the slot has no record
   const int64_t* view_begin;
   int bins_x, bins;  // bins across a view, bins of a view
 };
@@ -40,22 +41,22 @@ struct RasterJob {
   const uint32_t* entries;  // all lists, one after the other
   const uint32_t* list_begin;  // one more than there are lists
   int64_t first_bin;  // the first bin that has a list
-  int64_t begun_views;  // views below it have been stored; a bin of any other view starts as background
+  int64_t begun_views;  // views below it have been stored at least once; a bin of any other view starts as background
   int bins_x, bins;  // bins across a view, bins of a view
   Viewport view;  // the same for every view
   int64_t* packed;  // out: [views, H, W]
   float* depth;  // out: [views, H, W] or null
-  bool streams_depth;  // past the caches: pays for images that do not stay in them anyway
+  bool streams_depth;  // whether depth is stored around the caches, which is faster only if the image does not fit them
 };
 
-// Bytes of a worker's scratch memory. Its layout, struct Scratch in bin_owned.inl, depends on the instruction set.
+// Bytes of a worker's scratch memory: at least sizeof(Scratch) (bin_owned.inl), and few enough for a core's cache.
 constexpr int64_t kScratchBytes = 128 * 1024;
 
 struct BinOwnedKernels {
   // Projects and snaps vertices [begin, end) to out[0], out[1], ...
   void (*project)(const float* positions, int64_t begin, int64_t end, int width, int height, Vertex* out);
-  // Turns triangles [begin, end) into records and returns their number. candidates[i]: bins that record i's bbox
-  // touches.
+  // Turns triangles [begin, end) into records and returns their number. candidates[i]: the number of bins that
+  // record i's bbox touches.
   int64_t (*setup)(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates,
                    int64_t* dropped);
   // Writes a pair for each bin that a record in slots [begin, end) enters, and adds 1 to counts[bin]. Returns the

@@ -1,12 +1,15 @@
 // Draws one bin of the bin_owned variant: raster_bin, called by bin_owned.cpp. Compiled once per instruction set.
 //
 // A worker owns a 64x64 px bin at a time. It keeps the bin's pixels in its cache, draws the entries of the bin list
-// into them, and stores each pixel once. So there is no clear and no atomic operation, and the order of entries is
-// free.
+// into them, and stores each pixel once per pass. So there is no clear and no atomic operation, and the order of
+// entries is free.
 //
 // Hidden surfaces are rejected without sorting. A record that covers a bin (or a tile) completely gives a depth bound:
-// nothing behind the record's farthest depth there can be seen. Bounds are gathered before pixels are drawn. All tests
-// against a bound are strict: a fragment of the same depth may win by its lower triangle index.
+// nothing behind the record's farthest depth there can be seen. Only large records that are not far give bounds. Within
+// a block of records, bounds are gathered before pixels are drawn; later blocks of the pass keep them.
+//
+// All tests against a bound are strict. A record is also tested against the bound that it gave itself, and one of
+// constant depth equals it. Another record of the same depth may win by its lower triangle index.
 #pragma once
 
 #include "depth.inl"
@@ -17,7 +20,8 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Large records of a block. All their depth bounds are gathered before one is drawn, and hide most of them.
+// Most large records of a block. The bounds of all are gathered before the first is drawn, and usually hide most of
+// them.
 constexpr int kBlock = 96;
 
 // A large record within the bin.
@@ -25,15 +29,15 @@ struct Large {
   CellDepth depth;
   NarrowEdge edge[3];
   uint64_t touched, full;  // tiles, bit 8 * row + column
-  float nearest;           // nearest depth over the bin
+  float nearest;  // nearest window depth over the bin
 };
 
 // A worker's memory. pixels: packed values of the bin, row by row. The direct path of small records loads and stores
-// eight pixels, so it reaches up to seven past the end of a row and writes them back unchanged; hence the 8 more
-// elements.
+// eight pixels, so it reaches up to seven past the end of a row and writes them back unchanged. So the array has eight
+// elements more.
 struct Scratch {
   alignas(64) int64_t pixels[kBin * kBin + 8];
-  float tile_far[64];  // depth bound of each tile, from all blocks so far
+  float tile_far[64];  // depth bound of each tile, a window depth, from all blocks of the pass so far
   Large block[kBlock];
 };
 static_assert(sizeof(Scratch) <= kScratchBytes, "scratch");
@@ -56,7 +60,7 @@ BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels)
   const NarrowEdge edge[3] = {l.edge[0], l.edge[1], l.edge[2]};
   i32x16 offset[3];
   for (int k = 0; k < 3; ++k) offset[k] = lanes(0, edge[k].sx, edge[k].sy);
-  uint32_t rows[kBin * kBin / 8 + 8];
+  uint32_t rows[kBin * kBin / 8 + 8];  // append_rows may write seven past the last
   int count = 0;
   for (; visible; visible &= visible - 1) {
     const int t = __builtin_ctzll(visible);
@@ -83,9 +87,9 @@ BIGTRI_INLINE void draw_large(const Large& l, uint64_t visible, int64_t* pixels)
 }
 
 // Draws a block of large records. First it gathers the depth bound of every tile that a record of the block fills. Then
-// it draws the tiles of each record that are not behind the bounds of the bin and of the tile. A far record gives no
-// bound: fragments with z > 1 are dropped, so it may leave pixels open. bounded: the tiles that have a bound, those of
-// earlier blocks too; returns it with this block's.
+// it draws the tiles of each record that are behind neither bound, the bin's or the tile's. A far record gives no
+// bound: fragments with z > 1 are dropped, so it may leave pixels open. bounded: the tiles that earlier blocks gave a
+// bound. Returns them with the tiles of this block added.
 uint64_t draw_block(Scratch* s, int count, float bin_far, uint64_t bounded) {
   for (int i = 0; i < count; ++i) {
     Large& l = s->block[i];
@@ -115,7 +119,7 @@ uint64_t draw_block(Scratch* s, int count, float bin_far, uint64_t bounded) {
   return bounded;
 }
 
-// Whether a small record is behind the depth bound of each tile of the bin that its bbox touches.
+// Whether a small record is behind the depth bound of every tile that its bbox touches in this bin.
 BIGTRI_INLINE bool is_hidden(const Record& r, int bin_x, int bin_y, const float* tile_far) {
   const int left = bin_x * kBin, top = bin_y * kBin;
   const int x0 = max_of(r.x0 - left, 0) / kTile, x1 = (min_of(r.x1 - left, kBin) - 1) / kTile;

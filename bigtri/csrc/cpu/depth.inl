@@ -10,12 +10,14 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // A record's depth within one cell, which is the square of a bin. A thin record has edge values instead of a plane.
-// These are integers: |e| < 2^49, a step is at most 2^32 and is taken at most 70 times (63, and 7 lanes). So all values
-// stay below 2^53, and float64 is exact.
+// These are integers: |e| < 2^49 at the first centre, a step is below 2^32, and there are at most 63 steps down and 70
+// across (a vector may begin at column 63 and has seven lanes more). So they stay below 2^50 and float64 holds them
+// exactly; only the weighted sum rounds.
 struct CellDepth {
   // Not thin: the depth at the cell's first pixel centre, and its change per px.
   double zcell, dzdx, dzdy;
-  // Thin: the unbiased edges at that centre (subpx^2) and their change per px, depths of the vertices, twice the area.
+  // Thin: the unbiased edges at that centre (subpx^2) and their change (subpx^2 per px), window
+  // depths of the vertices, twice the area (subpx^2).
   double e[3], ex[3], ey[3], z[3], area;
   float zmin, zmax;   // of the record's vertices
   uint32_t triangle;  // index of the parent

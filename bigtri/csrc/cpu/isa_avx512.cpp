@@ -1,8 +1,9 @@
 // The kernels compiled for AVX-512: kernels_avx512, which kernels.cpp chooses if this instruction set is in use. A
 // pragma sets the compiler's target, because all files of the extension are compiled with the same options.
 
-// Every library header stands above the pragma. Intrinsics name their own instruction sets. Functions of the C++ library
-// must run on every machine, since the linker may take this file's copy of one for all files.
+// Every library header stands above the pragma. Each intrinsic carries its own target. What has external linkage, as
+// the functions of the C++ library have, must not be compiled below: the linker may keep this file's copy for all
+// files.
 #include <immintrin.h>
 #include <stdint.h>
 

@@ -1,4 +1,5 @@
-// The kernels compiled for any machine: kernels_baseline, which kernels.cpp chooses if no other is in use.
+// The kernels compiled for any x86-64 machine, and for other processors: kernels_baseline, which kernels.cpp chooses if
+// no other is in use.
 #define BIGTRI_SIMD 128
 #include "kernel_table.inl"
 

@@ -13,7 +13,7 @@
 namespace bigtri {
 
 // Sets the mode that docs/numerics.md 1 asks for: round to nearest, no flush to zero, no traps. The destructor restores
-// the thread's own mode, also when a body throws.
+// the thread's own mode, also on the way of an exception.
 class FloatMode {
  public:
 #if defined(__x86_64__)

@@ -1,7 +1,7 @@
 // The scanline variant: a task takes some triangles and cuts each row of a record's bounding box to the exact span.
 // Each pixel of a span is offered its packed value with an atomic minimum. The binding calls draw() through the
-// registry. It is the naive baseline of the field (Sui's first pipeline), and the shortest complete variant: copy it to
-// begin your own.
+// registry. It is what is usually tried first (Sui's first pipeline), and
+// the shortest complete variant: copy it to begin your own.
 
 #include <algorithm>
 

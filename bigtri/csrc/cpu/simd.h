@@ -1,7 +1,7 @@
 // Vectors of eight pixels of a row, or of sixteen in two rows, for the kernels (.inl). A vector consists of as many
 // machine vectors as it takes. Elements are computed with the same IEEE operations on every machine, so the bits are
 // the same. The including file defines BIGTRI_SIMD, the width of a machine vector in bits: 512 (AVX-512), 256 (AVX2) or
-// 128 (any machine, and other processors). __AVX2__ would not do: a target pragma does not define it.
+// 128 (any x86-64, and other processors). __AVX2__ would not do: not every compiler defines it for a target pragma.
 #pragma once
 
 #if BIGTRI_SIMD > 128
@@ -24,7 +24,7 @@ struct Lanes {
   typedef T Vector __attribute__((vector_size(kWidth * sizeof(T))));
   Vector part[kParts];
 
-  T operator[](int i) const { return part[i / kWidth][i % kWidth]; }
+  __attribute__((always_inline)) T operator[](int i) const { return part[i / kWidth][i % kWidth]; }
 };
 
 using i32x8 = Lanes<int32_t, 8>;
@@ -200,7 +200,8 @@ BIGTRI_INLINE void keep_nearest(int64_t* pixels, const i64x8& packed) {
 #endif
 }
 
-// Appends (code + kBin * j) << 8 | byte j of the mask, for each byte that is not 0, from list[n] on. Returns the new n.
+// Appends (code + kBin * j) << 8 | byte j of the mask, for each byte that is not 0, from list[n] on. code: the tile's
+// first pixel within the bin. Returns the new n.
 // It may write as far as list[n + 7], whatever the mask. AVX-512 moves the elements to keep together with one compress;
 // the loop writes each element and advances only past those to keep.
 BIGTRI_INLINE int append_rows(uint64_t mask, uint32_t code, uint32_t* list, int n) {

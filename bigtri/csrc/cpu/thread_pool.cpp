@@ -30,7 +30,7 @@ class StoreFence {
 #if defined(__x86_64__)
   ~StoreFence() { _mm_sfence(); }
 #else
-  ~StoreFence() {}  // stream() is an ordinary store on other processors
+  ~StoreFence() {}  // stream() is an ordinary store there, as in the baseline of x86-64
 #endif
   StoreFence(const StoreFence&) = delete;
   StoreFence& operator=(const StoreFence&) = delete;
