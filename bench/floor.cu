@@ -1,8 +1,9 @@
-// The floor under a rasterizer: what the image costs if the coverage is known beforehand. Every 8x8 px tile has a list of (mask of its 64 pixels, triangle). A warp
-// owns a tile, keeps two pixels a lane in registers, takes the list with a plane for each triangle, and writes each pixel once: depth in float32 and the triangle, 8
-// bytes. No set-up, no binning, no rejection of what is hidden, so scenes with many layers can be drawn faster than this; no far plane, beyond which the scenes have
-// nothing. cuda_floor.py builds it, as a shared library with a C interface, by nvcc; a C++ compiler makes the same without the kernels (c++ -x c++), which the tests
-// run on the CPU.
+// The floor under a rasterizer: what the image costs if the coverage is known beforehand. Every 8x8 px tile has a list
+// of (mask of its 64 pixels, triangle). A warp owns a tile, keeps two pixels a lane in registers, takes the list with a
+// plane for each triangle, and writes each pixel once: depth in float32 and the triangle, 8 bytes. No set-up, no
+// binning, no rejection of what is hidden, so scenes with many layers can be drawn faster than this; no far plane,
+// beyond which the scenes have nothing. cuda_floor.py builds it, as a shared library with a C interface, by nvcc; a C++
+// compiler makes the same without the kernels (c++ -x c++), which the tests run on the CPU.
 
 #include <math.h>
 #include <stdint.h>
@@ -140,7 +141,8 @@ __device__ __forceinline__ Item load(const Item* at) {
   return {(uint64_t)v.y << 32 | v.x, v.z, v.w};
 }
 
-// kShuffle: the list is fetched 32 items at a time, one a lane, and handed round; without, all lanes read the same item. Which one is faster depends on the lists.
+// kShuffle: the list is fetched 32 items at a time, one a lane, and handed round; without, all lanes read the same
+// item. Which one is faster depends on the lists.
 template <bool kShuffle, bool kPairs>
 __global__ void __launch_bounds__(kThreads) fill(const __grid_constant__ Image m) {
   constexpr unsigned kAll = 0xFFFFFFFFu;
@@ -191,7 +193,8 @@ __global__ void nothing() {}
 
 }  // namespace
 
-// Every function returns 0, or the number of a CUDA error. With on_host the pointers are to the host's memory and the stream is not looked at.
+// Every function returns 0, or the number of a CUDA error. With on_host the pointers are to the host's memory and the
+// stream is not looked at.
 extern "C" {
 
 int floor_lists(const int32_t* corners, const int32_t* boxes, const int32_t* triangles, int32_t records,

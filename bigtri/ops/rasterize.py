@@ -54,7 +54,7 @@ def rasterize(
         resolution: (height, width) in px, 1 to 16384 each.
         backend: "reference" (the NumPy oracle), "native" (the extension), or "auto": native where it is built. Same bits.
         variant: how the native backend schedules the work, "auto" or one of ``bigtri.native.VARIANTS[device type]``. Same bits.
-        precision: a rung of the ladder: "exact", or "subpixel4", which snaps vertices to 1/16 instead of 1/256 px. Each rung
+        precision: a rung: "exact", or "subpixel4", which snaps vertices to 1/16 instead of 1/256 px. Each rung
             has its own bits, the same on every backend; on CUDA not every variant is compiled for every rung.
         parameters: numbers of the variant's, by name; ``bigtri.native.REGISTRY`` says which there are and what they may be. They
             change no bit. The reference has none.
@@ -62,12 +62,12 @@ def rasterize(
         scissor: (x0, y0, x1, y1) in px, half-open; nothing is drawn outside it.
         ranges: int32 [B, 2], on the CPU: the first triangle and the number of triangles of each view, for a batch of different
             meshes. ``positions`` is then [V, 4], shared by the views. A triangle keeps its id in the whole list. Ranges may
-            overlap or be empty. Not on CUDA yet.
+            overlap or be empty. Not on CUDA yet. ``interpolate`` takes ``positions.expand(B, -1, -1)`` with the result.
         validate: on the CPU indices are always checked. On CUDA a triangle with an index out of range is dropped and counted;
             True checks all of them first, which waits for the device.
         depth: whether to return the depth image. Without it, 4 bytes a pixel are not written.
         out: int64, contiguous, of ``packed``'s shape, apart from the inputs: written instead of new memory. Large images gain
-            much from that.
+            from that where earlier results are kept; else ``bigtri.memory`` hands out the memory of those let go.
 
     Returns:
         Visibility: torch tensors on the device of ``positions``, or NumPy arrays if ``positions`` is one.

@@ -1,6 +1,7 @@
-// Runs CUDA kernels on the CPU: a block at a time, each of its threads with a stack of its own, one after the other from barrier to barrier. Memory of the "device" ends at a page that cannot be
-// touched. What no GPU would survive ends the process with a message: access beyond memory, barriers that not all threads reach, or different ones. Kernels run one after the other, so what goes
-// wrong only where they overlap does not show.
+// Runs CUDA kernels on the CPU: a block at a time, each of its threads with a stack of its own, one after the other
+// from barrier to barrier. Memory of the "device" ends at a page that cannot be touched. What no GPU would survive ends
+// the process with a message: access beyond memory, barriers that not all threads reach, or different ones. Kernels run
+// one after the other, so what goes wrong only where they overlap does not show.
 
 #include "cuda_on_cpu.h"
 
@@ -70,8 +71,9 @@ uint64_t met
     [kMostThreads / kWarp][2]
     [kWarp];  // what a warp's lanes brought, last time and the time before: a lane may be one meeting ahead of another
 int sum, current;
-// Of threads between barriers: the first one first, the last one first, or in turns, each to the next barrier of its warp or block; or a warp as far as it gets before the next one runs, the first
-// or the last warp first. What depends on it lacks a barrier.
+// Of threads between barriers: the first one first, the last one first, or in turns, each to the next barrier of its
+// warp or block; or a warp as far as it gets before the next one runs, the first or the last warp first. What depends
+// on it lacks a barrier.
 enum Order { kForward, kBackward, kInTurns, kWarpForward, kWarpBackward };
 int order = kForward;
 void* scheduler;
@@ -263,7 +265,8 @@ void run_grid(dim3 grid, dim3 block, size_t shared_bytes, const std::function<vo
   }
 }
 
-// A device of two multiprocessors with room for a block each, so that blocks take several turns; of an old kind, so that launches do not overlap.
+// A device of two multiprocessors with room for a block each, so that blocks take several turns; of an old kind, so
+// that launches do not overlap.
 extern "C" {
 cudaError_t cudaGetDevice(int* device) {
   *device = 0;
@@ -290,8 +293,8 @@ cudaError_t cudaMemsetAsync(void* p, int value, size_t bytes, cudaStream_t) {
 }
 void set_order(int v) { order = v; }
 
-// Of parameter i of a variant: its name, or null where there is none; its standard, lowest and highest value; the values
-// allowed, ending with -1, or null for all.
+// Of parameter i of a variant: its name, or null where there is none; its standard, lowest and highest value; the
+// values allowed, ending with -1, or null for all.
 const char* parameter_name(const char* variant, int i) {
   const bigtri::CudaVariant* v = find_variant(variant);
   return v ? v->parameters[i].name : nullptr;
@@ -299,7 +302,8 @@ const char* parameter_name(const char* variant, int i) {
 const int64_t* parameter_range(const char* variant, int i) { return &find_variant(variant)->parameters[i].standard; }
 const int64_t* parameter_only(const char* variant, int i) { return find_variant(variant)->parameters[i].only; }
 
-// One image for each of `views`; view: width, height, scissor x0 y0 x1 y1, cull. depth may be null. 0, or what was refused.
+// One image for each of `views`; view: width, height, scissor x0 y0 x1 y1, cull. depth may be null. 0, or what was
+// refused.
 int draw_on_cpu(const char* variant, int32_t views, const float* positions, int64_t vertices, const int32_t* triangles,
                 int32_t count, const int32_t* view, const int64_t* values, int64_t* packed, float* depth,
                 int64_t* dropped) {
@@ -334,8 +338,8 @@ int draw_on_cpu(const char* variant, int32_t views, const float* positions, int6
   return 0;
 }
 
-// Interpolation in the rung; 0, or what the launch said. sizes: views, height, width, vertices of a view, triangles, channels, and views of the attributes, or 0 for the
-// weights.
+// Interpolation in the rung; 0, or what the launch said. sizes: views, height, width, vertices of a view, triangles,
+// channels, and views of the attributes, or 0 for the weights.
 int interpolate_on_cpu(const int64_t* packed, const float* positions, const int32_t* triangles, const float* attributes,
                        const int64_t* sizes, float* out) {
   using namespace bigtri;

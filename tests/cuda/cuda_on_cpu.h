@@ -1,4 +1,5 @@
-// CUDA C++ for a host compiler: what the kernels of bigtri/csrc/cuda use of it. Included before each of their sources; cuda_on_cpu.py says how these are changed, cuda_on_cpu.cpp runs them.
+// CUDA C++ for a host compiler: what the kernels of bigtri/csrc/cuda use of it. Included before each of their sources;
+// cuda_on_cpu.py says how these are changed, cuda_on_cpu.cpp runs them.
 #pragma once
 
 #include <cuda_runtime.h>

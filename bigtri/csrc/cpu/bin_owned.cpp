@@ -262,8 +262,8 @@ class Drawing {
     }
     job_.entries = entries;
     job_.list_begin = list_begin;
-    // One task per worker, not per bin, since each needs scratch memory of its own. Workers take bins one by one: a worker
-    // that got a crowded bin takes fewer of them.
+    // One task per worker, not per bin, since each needs scratch memory of its own. Workers take bins one by one: a
+    // worker that got a crowded bin takes fewer of them.
     std::atomic<int64_t> next{job_.first_bin};
     const int64_t end = end_view * job_.bins, workers = std::min<int64_t>(parallel_.threads, end - job_.first_bin);
     if (workers > 0)

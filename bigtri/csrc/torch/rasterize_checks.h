@@ -8,8 +8,8 @@
 
 namespace bigtri {
 
-// Checks all tensors and returns the number of views. Positions [V, 4] are one view, whose outputs have no dimension for
-// views; or with ranges, which are in host memory, as many views as there are ranges.
+// Checks all tensors and returns the number of views. Positions [V, 4] are one view, whose outputs have no dimension
+// for views; or with ranges, which are in host memory, as many views as there are ranges.
 inline int32_t checked_views(int device, const Tensor& positions, const Tensor& triangles, int64_t height,
                              int64_t width, const std::optional<Tensor>& ranges, const Tensor& packed,
                              const std::optional<Tensor>& depth, const Tensor& dropped) {
