@@ -1,6 +1,6 @@
-"""How GPU time is measured, and the rows it goes into. cuda_run.py and cuda_scaling.py share it.
+"""How GPU time is measured, and the rows it goes into. cuda_run.py, cuda_best.py and cuda_scaling.py share it.
 
-Four methods, all by CUDA events, in microseconds for a frame:
+Four methods by CUDA events, in microseconds for a frame, or for a batch of them:
 * `graph`: the replay of a CUDA graph that holds one frame;
 * `graph20`: the replay of a graph that holds 20 frames, divided by 20: what a frame costs in a stream of them;
 * `eager`: the call as Python makes it;
@@ -8,6 +8,8 @@ Four methods, all by CUDA events, in microseconds for a frame:
 
 A kernel that only waits runs in front of every measurement, for longer than the host needs to enqueue it: the host's time is
 never in it. It does contain what starting a graph or a kernel costs the GPU.
+
+The host's own time is what `host` says: how long a call takes to come back, by the wall clock, without waiting for the GPU.
 """
 
 from __future__ import annotations
@@ -25,12 +27,15 @@ import torch
 
 from bigtri.app import arguments as option_types
 from bigtri.study import provenance
+from bigtri.study.clock import summary
 
 METHODS = ("graph", "graph20", "eager", "cold")
 IN_A_ROW = 20  # frames in the graph of `graph20`
 AT_LEAST, AT_MOST = 50, 200  # repeats
 SLOW = 20_000  # us: above, a few repeats and no `graph20`
 SLOW_REPEATS = 5
+TURN = 12  # repeats of a turn, where several calls take turns
+ROUNDS = 3  # of turns, at least
 EVICT = 256 << 20  # bytes: several times any L2 cache
 CYCLES = 2000  # of a GPU's clock in a microsecond, at most; only for the waiting kernel
 POISON = 0x1234_5678_9ABC_DEF0  # what the image holds before it is checked
@@ -50,6 +55,15 @@ class Clock(Protocol):
 
     def once(self, call: Call) -> float:
         """Microseconds of one call."""
+
+    def replay(self, call: Call) -> Call:
+        """What draws the same frame once more, as `graph` times it."""
+
+    def times(self, replay: Call, count: int) -> list[float]:
+        """Microseconds of so many replays."""
+
+    def host(self, call: Call, seconds: float) -> list[float]:
+        """Microseconds of the host for each call, for about `seconds`."""
 
 
 def repeats_for(us: float, seconds: float, at_least: int = AT_LEAST) -> int:
@@ -84,6 +98,16 @@ class CudaClock:
         count = repeats_for(us * frames, seconds, at_least if frames == 1 else min(at_least, 20))
         times = self._times(graph.replay, count, 100, cold=method == "cold")
         return Measurement([t / frames for t in times], graph.replay)
+
+    def replay(self, call: Call) -> Call:
+        call()  # loads kernels, and gives torch its memory
+        return self.capture(call, 1).replay
+
+    def times(self, replay: Call, count: int) -> list[float]:
+        return self._times(replay, count, 100, cold=False)
+
+    def host(self, call: Call, seconds: float) -> list[float]:
+        return _enqueued(call, seconds, torch.cuda.synchronize)
 
     def capture(self, call: Call, frames: int) -> torch.cuda.CUDAGraph:
         """A graph of `frames` calls."""
@@ -133,7 +157,55 @@ class WallClock:
         return (time.perf_counter() - start) * 1e6
 
     def measure(self, call: Call, method: str, seconds: float, at_least: int = AT_LEAST) -> Measurement:
-        return Measurement([self.once(call) for _ in range(3)], call)
+        return Measurement(self.times(call, 3), call)
+
+    def replay(self, call: Call) -> Call:
+        return call
+
+    def times(self, replay: Call, count: int) -> list[float]:
+        return [self.once(replay) for _ in range(count)]
+
+    def host(self, call: Call, seconds: float) -> list[float]:
+        return _enqueued(call, seconds, lambda: None)
+
+
+def _enqueued(call: Call, seconds: float, wait: Call) -> list[float]:
+    """Microseconds of each call, for about `seconds`; `wait` now and then empties the GPU's queue, outside of what is timed."""
+    us: list[float] = []
+    end = time.perf_counter() + seconds
+    call()
+    while len(us) < AT_LEAST or (time.perf_counter() < end and len(us) < 10 * AT_MOST):
+        if len(us) % 8 == 0:
+            wait()
+        start = time.perf_counter()
+        call()
+        us.append((time.perf_counter() - start) * 1e6)
+    wait()
+    return us
+
+
+def take_turns(clock: Clock, replays: dict[str, Call], seconds: float) -> dict[str, list[list[float]]]:
+    """Microseconds [name][round][repeat] of rounds for about `seconds`.
+
+    In a round everyone replays `TURN` times, one after the other, in an order that reverses every round, so that a change of
+    the clocks meets all of them.
+    """
+    times: dict[str, list[list[float]]] = {name: [] for name in replays}
+    end = time.perf_counter() + seconds
+    number = 0
+    while number < ROUNDS or time.perf_counter() < end:
+        for name in list(replays) if number % 2 == 0 else reversed(list(replays)):
+            times[name].append(clock.times(replays[name], TURN))
+        number += 1
+    return times
+
+
+def clock_for(device: torch.device) -> Clock:
+    """The GPU's clock with the GPU warm; the host's for a dry run on the CPU."""
+    if device.type == "cpu":
+        return WallClock()
+    warm_up()
+    return CudaClock()
 
 
 def warm_up(seconds: float = 0.3) -> None:
@@ -174,6 +246,25 @@ def short_name(kernel: str) -> str:
 # --- rows
 
 
+class Job(NamedTuple):
+    """What a row is about: a scene of one size, or a batch of views of it."""
+
+    scene: str
+    width: int  # px
+    height: int  # px
+    seed: int
+    views: int = 1  # of a batch; 1: no batch, an image [H, W]
+
+    @property
+    def size(self) -> str:
+        """WIDTHxHEIGHT; of a batch VIEWSxHEIGHTxWIDTH, as its tensor is."""
+        size = f"{self.width}x{self.height}"
+        return size if self.views == 1 else f"{self.views}x{self.height}x{self.width}"
+
+    def __str__(self) -> str:
+        return f"{self.scene} {self.size}"
+
+
 class Machine(NamedTuple):
     """What a row says about where it comes from."""
 
@@ -204,13 +295,14 @@ def driver() -> str:
 
 @dataclasses.dataclass
 class Row:
-    """One (scene, size, seed, variant, method); the fields are the CSV's columns."""
+    """One (scene, size, seed, views, variant, method); the fields are the CSV's columns, the first ones those of `Job`."""
 
     scene: str
     width: int  # px
     height: int  # px
     seed: int
-    variant: str  # of bigtri's; "memset", "empty kernel", "floor list", "floor shuffle"
+    views: int
+    variant: str  # of bigtri's, with its settings; "memset", "empty kernel", "floor list", "floor shuffle"
     triangles: int
     method: str
     us_median: float
@@ -225,6 +317,28 @@ class Row:
     cuda: str
     commit: str
     command: str
+
+    @property
+    def job(self) -> Job:
+        return Job(self.scene, self.width, self.height, self.seed, self.views)
+
+
+def row_of(job: Job, variant: str, triangles: int, method: str, us: list[float], wrong_pixels: int | None, where: Machine) -> Row:
+    """us: of each repeat."""
+    timing = summary(us)
+    return Row(
+        **job._asdict(),
+        variant=variant,
+        triangles=triangles,
+        method=method,
+        us_median=timing.median,
+        us_min=timing.minimum,
+        us_p25=timing.p25,
+        us_p75=timing.p75,
+        repeats=timing.repeats,
+        wrong_pixels=wrong_pixels,
+        **where._asdict(),
+    )
 
 
 def text_of(us: float | None) -> str:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from bigtri.check import stages
 from bigtri.reference.records import Records
-from bigtri.study import scenes
+from bigtri.study import meshes, scenes
 
 SOURCE = Path(__file__).with_name("floor.cu")
 FOLDER = Path(__file__).parent.parent / "build" / "floor"
@@ -122,7 +122,7 @@ class Floor:
         if code:
             raise RuntimeError(f"floor.cu: CUDA error {code}")
 
-    def lists(self, scene: scenes.Triangles, width: int, height: int) -> Lists | None:
+    def lists(self, scene: scenes.Triangles | meshes.Batch, width: int, height: int) -> Lists | None:
         """Every tile's list, or None where they would take too much memory. Not what is timed."""
         records, _ = stages.setup(scene.positions, scene.triangles, height, width, backend="native")
         columns, rows = -(-width // TILE), -(-height // TILE)

@@ -9,11 +9,19 @@ of 100 px to one over all of it; and four layers over 1920x1080 of 2 to 100,000 
 * `threshold`: four layers over 1920x1080 of triangles of 10 to 30,000 px, with the bbox above which a triangle is queued from 0
 to 10^9 px: bin_owned's path for many, and the other variants.
 
-A way is a variant, or `bin_owned` kept to one of its paths by `bigtri.native.using_parameters`: few, some, many. Time is the
+And, where they are asked for, in steps so small that a threshold shows, for "auto" on the bumpy body of the R-scenes:
+* `body_count`: the first 10 to 1,000,000 triangles of a body, at 256x256 and 1920x1080;
+* `body_share`: 16,000 triangles whose ball is 1 to 200 % as high as the picture;
+* `body_resolution`: 16,000 and 100,000 triangles on squares of 64 to 4096 px;
+* `body_views`: batches of 2 to 1024 views of 4,000 triangles, 128x128 each.
+At the end stands where "auto" has a cliff: where a step costs more than the steps before and after it, or gains.
+
+A way is a variant, or `bin_owned` kept to one of its paths by `bigtri.native.using_parameters` (cuda_cases.py). Time is the
 median of graph replays (cuda_clock.py). A way that takes more than 50 ms is left out of the rest of its curve, and so is one that
 would by its growth. Images are compared with the CPU's up to 2^24 px and 2,000,000 triangles, above that with the first way's.
 
     python bench/cuda_scaling.py --csv build/gpu/cuda_scaling.csv --total 150
+    python bench/cuda_scaling.py --curves sweeps --csv build/gpu/cuda_sweeps.csv
 """
 
 from __future__ import annotations
@@ -21,23 +29,27 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import math
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
+import cuda_cases
 import cuda_clock
 import cuda_floor
-import cuda_run
 import numpy as np
 import torch
+from cuda_cases import ASPECT, AUTO, Way
 from cuda_clock import Clock, Machine, text_of
 
 from bigtri import native
 from bigtri.app import arguments as option_types
-from bigtri.study import benchmark, scenes
+from bigtri.precision import DEFAULT
+from bigtri.scene import Camera
+from bigtri.study import benchmark, meshes, scenes
 from bigtri.study.clock import summary
 from bigtri.study.scenes import layers_of
 
@@ -48,26 +60,8 @@ LIMIT = 50_000  # us
 GUESS = 4  # a way is tried while its time, grown with the number of triangles, stays below so many limits
 MAX_BYTES = 8 << 30
 CPU_PIXELS, CPU_TRIANGLES = 1 << 24, 2_000_000  # up to here an image is compared with the CPU's
-PATHS = {
-    "few": {"few": 65536},
-    "some": {"few": 0, "some": 65536},
-    "many": {"few": 0, "some": 0},
-}
-MOST = {"few": 256, "some": 65536}  # triangles beyond which the path cannot be had
 THRESHOLDS = (0, 256, 1000, 4000, 16000, 10**9)  # px of bbox
 AT_LEAST = 15  # repeats
-
-
-class Way(NamedTuple):
-    """A variant and the settings it runs with."""
-
-    variant: str
-    path: str  # of bin_owned: one of `PATHS`, or "" for its own choice
-    tuning: dict[str, int]
-
-    @property
-    def name(self) -> str:
-        return f"{self.variant} {self.path}".strip()
 
 
 class Point(NamedTuple):
@@ -78,9 +72,15 @@ class Point(NamedTuple):
     x: int
     width: int
     height: int
-    make: Callable[[], scenes.Mesh]
+    make: Callable[[], scenes.Mesh | meshes.Batch]  # in px, or in clip space
     threshold: int | None = None
     turns: int = 1  # how often the ways take turns
+    views: int = 1
+
+    def given(self) -> meshes.Batch:
+        """Its triangles, in clip space."""
+        made = self.make()
+        return made if isinstance(made, meshes.Batch) else meshes.Batch(*scenes.to_clip(made, self.width, self.height), None)
 
 
 @dataclasses.dataclass
@@ -113,10 +113,9 @@ class Row:
     command: str
 
 
-def ways(variants: tuple[str, ...]) -> list[Way]:
-    """Every variant as it is, then bin_owned's paths."""
-    found = [Way(variant, "", {}) for variant in variants]
-    return found + [Way("bin_owned", path, tuning) for path, tuning in PATHS.items() if "bin_owned" in variants]
+def ways(variants: Mapping[str, native.Variant]) -> list[Way]:
+    """Every variant as it is, bin_owned's paths as far as the extension has them, and auto."""
+    return [*(Way(variant, "", {}) for variant in variants), *cuda_cases.ways(cuda_cases.PATHS, variants), AUTO]
 
 
 # --- the curves
@@ -193,6 +192,66 @@ def threshold_points() -> Iterator[Point]:
             yield Point("threshold", f"{area} px", threshold, WIDTH, HEIGHT, make, threshold)
 
 
+# --- sweeps of the bumpy body
+
+
+def steps(low: int, high: int, factor: float) -> list[int]:
+    """Whole numbers from `low` to `high`, each about `factor` times the last."""
+    count = math.ceil(math.log(high / low) / math.log(factor))
+    return list(dict.fromkeys(round(low * (high / low) ** (k / count)) for k in range(count + 1)))
+
+
+def body_of(count: int) -> meshes.Mesh:
+    """The smallest body of at least so many triangles."""
+    cells = max(2, math.ceil((count / 4.6) ** 0.5))
+    while len(meshes.body(cells, scenes.SEED).triangles) < count:
+        cells += 1
+    return meshes.body(cells, scenes.SEED)
+
+
+def first_of(count: int) -> meshes.Batch:
+    """So many triangles of a body, from where all of it would be in the picture."""
+    mesh = body_of(count)
+    triangles = mesh.triangles[:count]
+    vertices = mesh.vertices[: triangles.max() + 1]
+    return meshes.Batch(meshes.whole(mesh, ASPECT).transform(vertices, ASPECT), triangles, None)
+
+
+def as_high(count: int, percent: float) -> meshes.Batch:
+    """A body from where the ball around it is so many percent as high as the picture."""
+    mesh = body_of(count)
+    low, high = mesh.bounds()
+    center = (low + high) / 2
+    radius = float(np.linalg.norm(mesh.vertices - center, axis=1).max())
+    away = radius / math.sin(math.atan(percent / 100 * math.tan(math.radians(45) / 2)))
+    camera = Camera.orbit(center, away, 30.0, 20.0, fov_y=45.0, near=(away - radius) / 2, far=2 * (away + radius))
+    return meshes.Batch(camera.transform(mesh.vertices, ASPECT), mesh.triangles, None)
+
+
+def body_count_points() -> Iterator[Point]:
+    for count in steps(10, 1_000_000, 1.5):
+        for width, height in ((256, 256), (WIDTH, HEIGHT)):
+            yield Point("body_count", f"{width} x {height}", count, width, height, partial(first_of, count))
+
+
+def body_share_points() -> Iterator[Point]:
+    for percent in steps(1, 200, 1.5):
+        for width, height in ((256, 256), (WIDTH, HEIGHT)):
+            yield Point("body_share", f"{width} x {height}", percent, width, height, partial(as_high, 16_000, percent))
+
+
+def body_resolution_points() -> Iterator[Point]:
+    for side in steps(64, 4096, 2**0.5):
+        for count in (16_000, 100_000):
+            yield Point("body_resolution", f"{count} triangles", side, side, side, partial(first_of, count))
+
+
+def body_views_points() -> Iterator[Point]:
+    for views in steps(2, 1024, 1.5):
+        make = partial(meshes.batch, [body_of(4000)], views, ASPECT)
+        yield Point("body_views", "4000 triangles, 128 x 128", views, 128, 128, make, views=views)
+
+
 CURVES: dict[str, Callable[[], Iterator[Point]]] = {
     "designs": design_points,
     "count": count_points,
@@ -200,6 +259,12 @@ CURVES: dict[str, Callable[[], Iterator[Point]]] = {
     "depth": depth_points,
     "resolution": resolution_points,
     "threshold": threshold_points,
+}
+SWEEPS: dict[str, Callable[[], Iterator[Point]]] = {
+    "body_count": body_count_points,
+    "body_share": body_share_points,
+    "body_resolution": body_resolution_points,
+    "body_views": body_views_points,
 }
 
 
@@ -214,7 +279,7 @@ class Limits:
 
     def allows(self, point: Point, way: Way, triangles: int) -> bool:
         """Whether to try: not beyond what the path can do, nor where time would pass the limit by far."""
-        if triangles > MOST.get(way.path, triangles):
+        if triangles > way.most or (way == AUTO) != (point.curve in SWEEPS):
             return False
         if point.curve == "threshold" and (way.path not in ("", "many") or way.name == "bin_owned"):
             return False  # does not look at the threshold, or is "many" under another name
@@ -226,30 +291,27 @@ class Limits:
             self.last[point.curve, point.kind, way.name] = (triangles, us)
 
 
-class Stage(cuda_run.Target):
+class Stage(cuda_cases.Target):
     """A point's scene, and what its image has to be: the CPU's, or for large ones that of the first way to draw it."""
 
-    def __init__(self, point: Point, scene: scenes.Triangles, device: torch.device) -> None:
-        super().__init__(scene, (point.height, point.width), device)
-        self.expected: torch.Tensor | None = None
+    def __init__(self, point: Point, given: meshes.Batch, device: torch.device) -> None:
+        super().__init__(given, (point.height, point.width), device)
+        self.expected: list[torch.Tensor] | None = None
         self.against = ""
-        if point.width * point.height <= CPU_PIXELS and len(scene.triangles) <= CPU_TRIANGLES:
+        if point.width * point.height <= CPU_PIXELS and len(given.triangles) <= CPU_TRIANGLES:
             self.expected, self.against = self.from_cpu(), "cpu"
 
     def wrong_pixels(self, way: Way, again: cuda_clock.Call) -> int:
-        image = self.poisoned(again)
+        images = self.poisoned(again)
         if self.expected is None:
-            self.expected, self.against = image.clone(), way.name
-            return 0
-        return cuda_run.differing(image, self.expected)
+            self.expected, self.against = [image.clone() for image in images], way.name
+        return sum(map(cuda_cases.differing, images, self.expected))
 
 
-def settings(way: Way, point: Point, device: torch.device) -> contextlib.AbstractContextManager:
-    """The way's tuning, with the point's threshold."""
-    changes = dict(way.tuning)
-    if point.threshold is not None:
-        changes["threshold"] = point.threshold
-    return native.using_parameters(**changes) if changes and device.type == "cuda" else contextlib.nullcontext()
+def setting(way: Way, point: Point) -> contextlib.AbstractContextManager[None]:
+    """The way's parameters, with the point's threshold."""
+    changes = {} if point.threshold is None else {"threshold": point.threshold}
+    return way._replace(parameters={**way.parameters, **changes}).setting()
 
 
 class Scaling:
@@ -262,12 +324,12 @@ class Scaling:
         self.limits = Limits()
         self.rows: list[Row] = []
         self.failures: list[str] = []
-        self.memset_us: dict[tuple[int, int], float] = {}
+        self.memset_us: dict[tuple[int, ...], float] = {}
 
-    def point(self, point: Point, scene: scenes.Triangles, todo: list[Way]) -> None:
-        stage = Stage(point, scene, self.device)
+    def point(self, point: Point, given: meshes.Batch, todo: list[Way]) -> None:
+        stage = Stage(point, given, self.device)
         us_memset = self.memset(stage)
-        count = len(scene.triangles)
+        count = len(given.triangles)
         times: dict[str, list[float]] = {}
         wrong: dict[str, int] = {}
         for turn in range(point.turns):
@@ -275,7 +337,7 @@ class Scaling:
                 if not self.limits.allows(point, way, count):
                     continue
                 try:
-                    with settings(way, point, self.device):
+                    with setting(way, point):
                         us = self.time(stage, way, point, count, wrong)
                 except RuntimeError as error:
                     self.failures.append(f"{point.curve} {point.kind} {point.x} {way.name}: {str(error).splitlines()[0]}")
@@ -305,10 +367,11 @@ class Scaling:
         return us
 
     def memset(self, stage: Stage) -> float | None:
-        if self.floor and stage.size not in self.memset_us:
+        shape = tuple(stage.packed.shape)
+        if self.floor and shape not in self.memset_us:
             us, _ = self.clock.measure(partial(self.floor.memset, stage.packed), "graph", self.seconds, AT_LEAST)
-            self.memset_us[stage.size] = statistics.median(us)
-        return self.memset_us.get(stage.size)
+            self.memset_us[shape] = statistics.median(us)
+        return self.memset_us.get(shape)
 
     def row(self, point: Point, way: Way, count: int, us: list[float], wrong: int, against: str, memset: float | None) -> Row:
         timing = summary(us)
@@ -337,7 +400,7 @@ class Scaling:
 
 def bytes_of(point: Point) -> int:
     """Device memory for the image, what it is compared with and the comparison."""
-    return point.width * point.height * (8 + 8 + 1)
+    return point.views * point.width * point.height * (8 + 8 + 1)
 
 
 def fits(point: Point, largest: int) -> bool:
@@ -351,7 +414,7 @@ def name_of(row: Row) -> str:
 def point_line(rows: list[Row]) -> str:
     """One point: every way's time."""
     first = rows[0]
-    line = f"{first.curve:10} {first.kind:24} {first.x:>10} {first.triangles:>9}  memset {text_of(first.us_memset):>6}  "
+    line = f"{first.curve:15} {first.kind:25} {first.x:>10} {first.triangles:>9}  memset {text_of(first.us_memset):>6}  "
     line += "  ".join(f"{name_of(row)} {text_of(row.us_median)}" for row in rows)
     wrong = sum(row.wrong_pixels for row in rows)
     return line + (f"  WRONG PIXELS: {wrong}" if wrong else "")
@@ -377,9 +440,50 @@ def design_lines(rows: list[Row]) -> list[str]:
     return lines
 
 
+# --- cliffs
+
+CLIFF = (1.1, 1.0)  # times, and us above, what was to be expected
+
+
+def cliffs(x: Sequence[float], us: Sequence[float]) -> list[int]:
+    """The points of a curve after which there is a cliff; x: the work, rising; us: the time.
+
+    Up: the time grows by a higher power of x than in the steps before and after; of the last step nobody knows. Down: more work
+    takes less time, so that the work before it must have been done badly.
+    """
+    steps = range(len(us) - 1)
+    power = [math.log(us[i + 1] / us[i]) / math.log(x[i + 1] / x[i]) for i in steps]
+    times, above = CLIFF
+    found = []
+    for i in steps:
+        beside = max([0.0, *power[max(0, i - 1) : i], *(power[i + 1 : i + 2] or [math.inf])])
+        expected = us[i] * (x[i + 1] / x[i]) ** beside
+        low, high = (us[i + 1], us[i]) if power[i] < 0 else (expected, us[i + 1])
+        if high > times * low and high > low + above:
+            found.append(i)
+    return found
+
+
+def cliff_lines(rows: list[Row]) -> list[str]:
+    """Where "auto" has a cliff in a sweep."""
+    lines = []
+    for curve, kind in dict.fromkeys((row.curve, row.kind) for row in rows if row.curve in SWEEPS):
+        here = [row for row in rows if (row.curve, row.kind) == (curve, kind)]
+        found = cliffs([row.x for row in here], [row.us_median for row in here])
+        for before, after in ((here[i], here[i + 1]) for i in found):
+            change = f"{text_of(before.us_median)} us at {before.x} to {text_of(after.us_median)} at {after.x}"
+            lines.append(f"{curve} {kind}: from {change}")
+        lines.append(f"{curve} {kind}: {len(found)} cliffs in {len(here)} points")
+    return lines
+
+
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--curves", default="all", help=f"of {', '.join(CURVES)} (default all)")
+    parser.add_argument(
+        "--curves",
+        default=",".join(CURVES),
+        help=f"of {', '.join((*CURVES, *SWEEPS))}; sweeps: the last ones (default the others)",
+    )
     parser.add_argument(
         "--ways", default="all", help="variants, and 'bin_owned few' and so on, separated by commas (default all)"
     )
@@ -391,33 +495,35 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--dry-run", action="store_true", help="on the CPU by the host's clock: does it run?")
     arguments = parser.parse_args(argv)
     started = time.perf_counter()
-    device = cuda_run.device_for(arguments.dry_run)
-    everything = {way.name: way for way in ways(native.VARIANTS[device.type])}
+    device = cuda_cases.device_for(arguments.dry_run)
+    variants = native.REGISTRY[device.type][DEFAULT]
+    everything = {way.name: way for way in ways(variants)}
     todo = [everything[name] for name in cuda_clock.listed(arguments.ways, "way", everything)]
-    curves = cuda_clock.listed(arguments.curves, "curve", CURVES)
+    named = ",".join(SWEEPS) if arguments.curves == "sweeps" else arguments.curves
+    curves = cuda_clock.listed(named, "curve", (*CURVES, *SWEEPS))
+    if "threshold" in curves and not any("threshold" in variant.parameters for variant in variants.values()):
+        print("threshold: left out, no variant has it as a parameter")
+        curves.remove("threshold")
     where = cuda_clock.machine()
     print(cuda_clock.headline(where), flush=True)
-    clock: Clock = cuda_clock.WallClock()
-    if device.type == "cuda":
-        cuda_clock.warm_up()
-        clock = cuda_clock.CudaClock()
-    scaling = Scaling(clock, where, device, arguments.seconds, cuda_run.start_floor(device))
+    clock = cuda_clock.clock_for(device)
+    scaling = Scaling(clock, where, device, arguments.seconds, cuda_cases.start_floor(device))
 
     lost = False
     for number, curve in enumerate(curves):
         left = started + arguments.total - time.perf_counter()
         end = time.perf_counter() + left / (len(curves) - number)
         skipped = 0
-        made: tuple[str, scenes.Triangles] | None = None  # the points of `threshold` share their scenes
-        for point in CURVES[curve]():
+        made: tuple[str, meshes.Batch] | None = None  # the points of `threshold` share their scenes
+        for point in (CURVES | SWEEPS)[curve]():
             if time.perf_counter() > end or lost:
                 skipped += 1
                 continue
-            if not fits(point, arguments.largest) or (curve == "count" and point.x > arguments.most):
+            if not fits(point, arguments.largest) or (curve in ("count", "body_count") and point.x > arguments.most):
                 continue
             label = f"{point.kind} {0 if curve == 'threshold' else point.x}"
             if made is None or made[0] != label:
-                made = (label, scenes.to_clip(point.make(), point.width, point.height))
+                made = (label, point.given())
             if len(made[1].triangles) > arguments.most:
                 continue
             before = len(scaling.rows)
@@ -434,7 +540,7 @@ def main(argv: list[str] | None = None) -> int:
             benchmark.write_csv(arguments.csv, scaling.rows, cuda_clock.DIGITS)
         if skipped:
             print(f"{curve}: {skipped} points left out, its share of --total was over")
-    print("\n".join(design_lines(scaling.rows)))
+    print("\n".join((*design_lines(scaling.rows), *cliff_lines(scaling.rows))))
     for failure in scaling.failures:
         print("FAILED", failure)
     wrong = sum(row.wrong_pixels for row in scaling.rows)

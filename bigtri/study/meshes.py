@@ -10,15 +10,18 @@ Meshes are in world space, y up; ``bigtri.study.scenes`` puts them before a came
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..scene import Camera
 from . import courtyard
+
+if TYPE_CHECKING:
+    from .scenes import Seen
 
 
 class Mesh(NamedTuple):
@@ -155,3 +158,40 @@ CAMERAS: dict[str, Callable[[Mesh, float], Camera]] = {  # mesh, width / height
     "inside": inside_the_room,
     "courtyard": lambda mesh, aspect: courtyard.camera(),
 }
+
+
+def of(recipe: Seen, seed: int) -> Mesh:
+    """The mesh of a scene of ``bigtri.study.scenes.REAL``."""
+    mesh = MESHES[recipe.mesh](recipe.size, seed)
+    return shuffled(mesh, seed) if recipe.shuffled else mesh
+
+
+# --- batches
+
+
+class Batch(NamedTuple):
+    """What ``bigtri.rasterize`` takes for a batch of views."""
+
+    positions: NDArray[np.float32]  # [B, V, 4]; of different meshes [V, 4]
+    triangles: NDArray[np.int32]  # [T, 3]
+    ranges: NDArray[np.int32] | None  # of different meshes: [B, 2], the first triangle and the number of triangles of each view
+
+
+def batch(kinds: Sequence[Mesh], views: int, aspect: float) -> Batch:
+    """So many views from a circle around one mesh; of several meshes, a view each of one after the other, and again.
+
+    aspect: width / height of a view.
+    """
+    bounds = [mesh.bounds() for mesh in kinds]
+    cameras = [Camera.framing(bounds[b % len(kinds)], 30 + 360 * b / views, aspect=aspect) for b in range(views)]
+    if len(kinds) == 1:
+        (mesh,) = kinds
+        return Batch(np.stack([camera.transform(mesh.vertices, aspect) for camera in cameras]), mesh.triangles, None)
+    # A view has vertices of its own, since it has a camera of its own, and so it has triangles of its own.
+    seen = [kinds[b % len(kinds)] for b in range(views)]
+    positions = [camera.transform(mesh.vertices, aspect) for camera, mesh in zip(cameras, seen, strict=True)]
+    before = np.cumsum([0] + [len(mesh.vertices) for mesh in seen])
+    triangles = [mesh.triangles + np.int32(start) for mesh, start in zip(seen, before, strict=False)]
+    counts = np.array([len(mesh.triangles) for mesh in seen])
+    ranges = np.stack([np.cumsum(counts) - counts, counts], axis=1)
+    return Batch(np.concatenate(positions), np.concatenate(triangles), ranges.astype(np.int32))

@@ -82,9 +82,7 @@ def make(name: str, width: int, height: int, seed: int = SEED) -> Triangles:
     if isinstance(recipe, Seen):
         from . import meshes  # only now: names and titles are there without torch
 
-        mesh = meshes.MESHES[recipe.mesh](recipe.size, seed)
-        if recipe.shuffled:
-            mesh = meshes.shuffled(mesh, seed)
+        mesh = meshes.of(recipe, seed)
         camera = meshes.CAMERAS[recipe.camera](mesh, width / height)
         return Triangles(camera.transform(mesh.vertices, width / height), mesh.triangles)
     return to_clip(pixel_mesh(name, width, height, seed), width, height)

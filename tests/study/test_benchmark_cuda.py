@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import csv
+import dataclasses
+import functools
 import importlib
 import math
 import re
@@ -18,7 +21,7 @@ import torch
 
 import bigtri
 from bigtri import native
-from bigtri.study import benchmark, scenes
+from bigtri.study import benchmark, meshes, scenes
 
 BENCH = Path(__file__).parents[2] / "bench"
 CSRC = Path(bigtri.__file__).parent / "csrc"
@@ -29,14 +32,18 @@ if str(BENCH) not in sys.path:
 # What some variant on CUDA has as a parameter, where it is built or not.
 PARAMETERS = set(re.findall(r'\bX\((\w+), "', "".join(f.read_text() for f in sorted(CSRC.glob("cuda/*")))))
 
-cuda_clock, cuda_floor, cuda_run, cuda_scaling, sanitize = (
-    importlib.import_module(name) for name in ("cuda_clock", "cuda_floor", "cuda_run", "cuda_scaling", "sanitize")
-)
+MODULES = ("cuda_best", "cuda_cases", "cuda_clock", "cuda_floor", "cuda_run", "cuda_scaling", "sanitize")
+cuda_best, cuda_cases, cuda_clock, cuda_floor, cuda_run, cuda_scaling, sanitize = map(importlib.import_module, MODULES)
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 needs_compiler = pytest.mark.skipif(not (shutil.which("c++") or shutil.which("g++")), reason="no C++ compiler")
 CPU = torch.device("cpu")
 HERE = cuda_clock.Machine("some GPU", "1", "2", "3", "abc", "test")
+
+
+def case_of(scene: scenes.Triangles, width: int, height: int, name: str = "S1"):
+    """A case of a scene that is there."""
+    return cuda_cases.Case(cuda_clock.Job(name, width, height, scenes.SEED), meshes.Batch(*scene, None), CPU)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +58,7 @@ def floor(tmp_path_factory: pytest.TempPathFactory):
 @pytest.mark.parametrize("name, width, height", [("S1", 640, 360), ("S3", 203, 151), ("S4f", 64, 8), ("S6-200k", 333, 97)])
 def test_floor_shows_the_same_triangles(floor, name: str, width: int, height: int) -> None:
     scene = scenes.make(name, width, height)
-    case = cuda_run.Case(name, width, height, scenes.SEED, scene, CPU)
+    case = case_of(scene, width, height)
     lists = floor.lists(scene, width, height)
     for kind in cuda_floor.KINDS:
         assert case.wrong_triangles(lambda kind=kind: floor.fill(kind, lists, case.packed)) == 0
@@ -62,14 +69,14 @@ def test_floor_of_clipped_triangles(floor) -> None:
     """Several records of one triangle, and triangles that touch no pixel."""
     scene = sanitize.clip_space(3, 40, (-0.5, 2))
     scene.positions[:, 2] = 0  # the floor does not know the far plane
-    case = cuda_run.Case("clipped", 121, 67, 0, scene, CPU)
+    case = case_of(scene, 121, 67)
     lists = floor.lists(scene, 121, 67)
     covered = int(lists.first[-1])
     assert covered == len(lists.items) > 0
     case.packed.fill_(cuda_clock.POISON)
     floor.fill("floor list", lists, case.packed)
     background = 2**63 - 1
-    assert torch.equal(case.packed == background, case.expected == background)
+    assert torch.equal(case.packed == background, case.expected[0] == background)
 
 
 @needs_compiler
@@ -202,9 +209,18 @@ class FakeClock:
         call()
         return cuda_clock.Measurement([self.us, self.us * 2, self.us * 3], call)
 
+    def replay(self, call):
+        return call
+
+    def times(self, replay, count: int) -> list[float]:
+        return [self.us] * count
+
+    def host(self, call, seconds: float) -> list[float]:
+        return [self.us / 2] * 2
+
 
 def test_rows_and_wrong_pixels() -> None:
-    case = cuda_run.Case("S1", 320, 240, 1000, scenes.make("S2", 1280, 720), CPU)
+    case = case_of(scenes.make("S2", 1280, 720), 320, 240)
     bench = cuda_run.Bench(FakeClock(10), None, HERE, ["graph", "cold"], 0.1)
     bench.case(case, ["auto"])
     bench.measure(case, "broken", lambda: case.packed.zero_(), case.wrong_pixels)
@@ -216,7 +232,7 @@ def test_rows_and_wrong_pixels() -> None:
 
 def test_what_is_not_drawn_is_wrong() -> None:
     """The image is poisoned first, so a frame that writes nothing cannot pass with the last one's pixels."""
-    case = cuda_run.Case("S1", 320, 240, 1000, scenes.make("S2", 1280, 720), CPU)
+    case = case_of(scenes.make("S2", 1280, 720), 320, 240)
     case.draw("auto")
     assert case.wrong_pixels(lambda: None) == 320 * 240
     assert case.wrong_triangles(lambda: None) == 320 * 240
@@ -226,14 +242,14 @@ def test_failures_are_kept() -> None:
     def fail() -> None:
         raise RuntimeError("no room\nand more")
 
-    case = cuda_run.Case("S1", 32, 24, 1000, sanitize.pictures(200, 150)["one"], CPU)
+    case = case_of(scenes.Triangles(*sanitize.pictures(200, 150)["one"]), 32, 24)
     bench = cuda_run.Bench(FakeClock(10), None, HERE, ["graph"], 0.1)
     bench.measure(case, "auto", fail)
     assert not bench.rows and bench.failures == ["S1 32x24 auto graph: no room"]
 
 
 def row(variant: str, us: float, seed: int = scenes.SEED, method: str = "graph", scene: str = "S1"):
-    return cuda_clock.Row(scene, 1920, 1080, seed, variant, 8, method, us, us, us, us, 50, 0, *HERE)
+    return cuda_clock.Row(scene, 1920, 1080, seed, 1, variant, 8, method, us, us, us, us, 50, 0, *HERE)
 
 
 def test_peers_are_there_for_the_default_seed() -> None:
@@ -241,9 +257,9 @@ def test_peers_are_there_for_the_default_seed() -> None:
     assert {name for name, *_ in peers} == {"CuRast", "nvdiffrast", "OpenGL"}
     assert len(peers) == 3 * 8 * 2 and all(us > 0 for us in peers.values())
     times = cuda_run.Times([], peers)
-    assert times.get(("S1", 1920, 1080, scenes.SEED), "CuRast") == 51.7
-    assert times.get(("S1", 1920, 1080, 7), "CuRast") is None
-    assert times.get(("S1", 1000, 1080, scenes.SEED), "CuRast") is None
+    assert times.get(cuda_clock.Job("S1", 1920, 1080, scenes.SEED), "CuRast") == 51.7
+    assert times.get(cuda_clock.Job("S1", 1920, 1080, 7), "CuRast") is None
+    assert times.get(cuda_clock.Job("S1", 1000, 1080, scenes.SEED), "CuRast") is None
 
 
 def test_tables() -> None:
@@ -255,7 +271,7 @@ def test_tables() -> None:
         row("bin_owned", 9.5, method="cold"),
     ]
     times = cuda_run.Times(rows, {("CuRast", "S1", 1920, 1080): 50.0})
-    assert times.get(("S1", 1920, 1080, scenes.SEED), "floor") == 8
+    assert times.get(cuda_clock.Job("S1", 1920, 1080, scenes.SEED), "floor") == 8
     last = cuda_run.case_lines(rows, times)[-1]
     assert last.split()[:4] == ["S1", "1920x1080", str(scenes.SEED), "bin_owned"]
     assert last.split()[-5:] == [
@@ -265,21 +281,61 @@ def test_tables() -> None:
         "-",
         "0",
     ]  # times memset and the floor; the peers' over ours; wrong pixels
-    assert any(line.startswith("CuRast") and line.endswith("50.0") for line in cuda_run.summary_lines(rows, times))
+    _, header, line = cuda_run.summary_lines(rows, times)
+    assert header.split()[-2:] == ["bin_owned", "CuRast"] and line.split() == ["S1", "7.00", "9.00", "8.00", "10.0", "50.0"]
+
+
+def test_batches_say_how_many_images_a_second() -> None:
+    rows = [dataclasses.replace(row("auto", 50), views=64), dataclasses.replace(row("memset", 5), views=64)]
+    auto, memset = cuda_run.case_lines(rows, cuda_run.Times(rows, {("CuRast", "S1", 1920, 1080): 50.0}))
+    assert auto.endswith("1,280,000 images/s") and "images" not in memset
+    assert auto.split()[:3] == ["S1", "64x1080x1920", str(scenes.SEED)] and " - " in auto  # a peer drew one view
+    assert cuda_run.summary_lines(rows, cuda_run.Times(rows, {}))[1].startswith("64x1080x1920, seed")
+
+
+def test_host_lines() -> None:
+    rows = [row("auto", 10), row("auto", 30, method="host"), row("auto", 20, method="host out")]
+    rows[1].us_median = 35
+    *_, last = cuda_run.case_lines(rows, cuda_run.Times(rows, {}))
+    assert last.endswith("us of the host, best (median): host 30.0 (35.0), host out 20.0 (20.0)")
+
+
+def test_host_rows() -> None:
+    case = case_of(scenes.make("S2", 1280, 720), 320, 240)
+    bench = cuda_run.Bench(FakeClock(10), None, HERE, ["host"], 0.1)
+    bench.case(case, ["auto"])
+    assert [(r.variant, r.method, r.us_median, r.wrong_pixels) for r in bench.rows] == [
+        ("auto", "host", 5, None),
+        ("auto", "host out", 5, None),
+    ]
+    case.packed.zero_()
+    case.draw_plain()
+    assert not case.packed.any()  # a plain call writes into memory of its own
 
 
 @needs_compiler
 def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cuda_floor, "FOLDER", tmp_path)
     path = tmp_path / "rows.csv"
-    assert cuda_run.main(["--dry-run", "--scenes", "S1,S5", "--size", "640x361", "--seeds", "1000,5", "--csv", str(path)]) == 0
+    options = ["--dry-run", "--scenes", "S1,S5", "--size", "640x361", "--seeds", "1000,5", "--seconds", "0", "--csv", str(path)]
+    assert cuda_run.main([*options, "--batches", "2x16x24", "--batch-scenes", "R4k+R16k"]) == 0
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
-    variants = {*cuda_run.YARDSTICKS, *native.VARIANTS["cpu"], "auto"}
-    assert {r["variant"] for r in rows} == variants
-    assert len(rows) == 2 * len(variants) * len(cuda_clock.METHODS)  # two seeds; S5 does not fit the image
-    assert {r["wrong_pixels"] for r in rows if r["variant"] in (*native.VARIANTS["cpu"], *cuda_floor.KINDS)} == {"0"}
+    variants = {*native.VARIANTS["cpu"], "auto"}
+    assert {r["variant"] for r in rows if r["views"] == "1"} == variants | {*cuda_run.YARDSTICKS}
+    assert {r["variant"] for r in rows if r["views"] == "2"} == variants | {"memset", "empty kernel"}
+    methods = len(cuda_clock.METHODS)
+    singles = 2 * (methods * len(variants | {*cuda_run.YARDSTICKS}) + 2)  # two seeds; S5 does not fit the image; two of the host
+    assert len(rows) == singles + 2 * (methods * (len(variants) + 2) + 2)
+    assert {r["wrong_pixels"] for r in rows if r["variant"] in variants | {*cuda_floor.KINDS}} == {"0", ""}
+    assert {r["method"] for r in rows if r["wrong_pixels"] == "" and r["variant"] in variants} == {"host", "host out"}
     assert "0 wrong pixels" in capsys.readouterr().out
+
+
+def test_total_ends_a_run(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--dry-run", "--scenes", "S1,R4k", "--size", "300x200", "--batches", "none", "--total", "0", "--no-floor"]
+    assert cuda_run.main(arguments) == 1  # no row
+    assert "2 left out, from R4k 300x200" in capsys.readouterr().out  # real scenes come first
 
 
 def test_without_a_gpu_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -288,17 +344,225 @@ def test_without_a_gpu_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
         cuda_run.main([])
 
 
+# --- what is drawn, and in which ways
+
+
+def parsed(*texts: str):
+    parser = argparse.ArgumentParser()
+    cuda_cases.add_cases(parser)
+    arguments = parser.parse_args([*texts])
+    return [str(job) for job in cuda_cases.jobs(arguments, cuda_cases.maker_for(arguments))]
+
+
+def test_jobs_are_ordered_by_importance() -> None:
+    few = ("--scenes", "S1,R4k", "--size", "256x256,1080p", "--batches", "64x256x512", "--batch-scenes", "R4k,R4k+R16k")
+    singles = ["R4k 256x256", "R4k 1920x1080"], ["S1 256x256", "S1 1920x1080"]
+    assert parsed(*few) == [*singles[0], "R4k 64x256x512", "R4k+R16k 64x256x512", *singles[1]]
+    everything = parsed()
+    assert len(everything) == 4 * (len(scenes.SCENES) - 1) + 3 * 4  # S6-200k is for CPUs
+    assert parsed("--scenes", "none", "--batches", "none") == []
+
+
+@pytest.mark.parametrize("text", ["64x256", "1x256x256", "64x256x0", "64x256x20000", "64x1080p", "ax2x2", ""])
+def test_batches_that_are_none(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="VIEWSxHEIGHTxWIDTH"):
+        cuda_cases.batches(text)
+
+
+@pytest.mark.parametrize("name", ["S1", "Rroom", "R4k+S1", "R4k+", "R16k-close"])
+def test_a_circle_of_cameras_sees_only_some(name: str) -> None:
+    with pytest.raises(SystemExit, match="batch scene must be one of R4k, R16k"):
+        parsed("--batch-scenes", name)
+
+
+def test_models_are_scenes_of_their_own(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    path = tmp_path / "a+b.ply"
+    trimesh.creation.icosphere(2).export(path)
+    assert parsed("--model", str(path), "--size", "64x48", "--batches", "4x8x8") == ["a+b 64x48", "a+b 4x8x8"]
+    assert parsed("--model", str(path), "--scenes", "S1", "--size", "64x48", "--batches", "none") == ["S1 64x48"]
+    maker = cuda_cases.Maker([path])
+    small, large = (maker.make(cuda_clock.Job("a+b", *size, 1)) for size in ((64, 48), (1920, 1080)))
+    assert small is large and small.triangles.shape == (320, 3)  # 16:9 at every size, and made once
+    visible = bigtri.rasterize(small.positions, small.triangles, (90, 160), backend="native").triangle >= 0
+    rows, columns = np.nonzero(visible)
+    assert np.ptp(rows) == pytest.approx(np.ptp(columns), abs=1)  # a ball is round in a picture of 16:9
+    with pytest.raises(SystemExit, match="no such file|No such file"):
+        parsed("--model", str(tmp_path / "nothing.ply"))
+    (tmp_path / "R4k.ply").write_bytes(path.read_bytes())
+    with pytest.raises(SystemExit, match="R4k must be no scene's name"):
+        parsed("--model", str(tmp_path / "R4k.ply"))
+
+
+def test_a_batch_is_what_its_views_are() -> None:
+    kinds = [meshes.body(4, 1), meshes.body(6, 2)]
+    one, mixed = meshes.batch(kinds[:1], 3, 16 / 9), meshes.batch(kinds, 3, 16 / 9)
+    assert one.positions.shape == (3, len(kinds[0].vertices), 4) and one.ranges is None
+    single = meshes.whole(kinds[0], 16 / 9).transform(kinds[0].vertices, 16 / 9)
+    np.testing.assert_array_equal(one.positions[0], single)  # the first camera is the default one
+    assert not np.array_equal(one.positions[1], one.positions[0])
+    counts = [len(kinds[b % 2].triangles) for b in range(3)]
+    assert mixed.ranges is not None and mixed.ranges.tolist() == [[sum(counts[:b]), counts[b]] for b in range(3)]
+    np.testing.assert_array_equal(mixed.positions[: one.positions.shape[1]], one.positions[0])
+    first, count = mixed.ranges[1]
+    corners = mixed.positions[mixed.triangles[first : first + count]]
+    alone = meshes.batch([kinds[1]], 3, 16 / 9)
+    np.testing.assert_array_equal(corners, alone.positions[1][alone.triangles])
+
+
+@pytest.mark.parametrize("kinds", [("R4k",), ("R4k", "R16k")])
+def test_some_views_of_a_batch_are_checked(kinds: tuple[str, ...]) -> None:
+    job = cuda_clock.Job("+".join(kinds), 24, 16, scenes.SEED, 8)
+    case = cuda_cases.Case(job, cuda_cases.Maker().make(job), CPU)
+    assert case.packed.shape == (8, 16, 24) and case.checked == [0, 3, 7]
+    assert case.wrong_pixels(lambda: case.draw("auto")) == 0
+    assert case.wrong_pixels(lambda: None) == 3 * 16 * 24
+
+    def one_pixel_off() -> None:
+        case.draw("auto")
+        case.packed[7, 5, 5] += 1
+        case.packed[6] = 0  # is not looked at
+
+    assert case.wrong_pixels(one_pixel_off) == 1
+
+
+def variant(name: str, **parameters: tuple[int, int]) -> native.Variant:
+    """As a registry has it; parameters: lowest and highest value."""
+    known = {
+        p: native.Parameter(p, "", "", low, low, high, (0, 4, 8) if p == "warps" else ()) for p, (low, high) in parameters.items()
+    }
+    return native.Variant(name, "", known)
+
+
+TODAY = {
+    v.name: v
+    for v in (
+        variant("bin_owned", few=(0, 65536), some=(0, 65536), threshold=(0, 10**9), warps=(0, 16)),
+        variant("two_stage", threshold=(0, 10**9)),
+        variant("persistent"),
+    )
+}
+
+
+def test_settings_are_those_of_the_registry(capsys: pytest.CaptureFixture[str]) -> None:
+    found = {way.name: way for way in cuda_cases.ways(cuda_cases.SETTINGS, TODAY)}
+    assert found["bin_owned few"].parameters == {"few": 65536}  # the highest there is
+    assert {"bin_owned some", "bin_owned many", "bin_owned many, 1000 px", "two_stage 1000 px"} <= found.keys()
+    assert "bin_owned rows" not in found
+    assert (
+        "left out: bin_owned rows: parameters of bin_owned are few, some, threshold, warps, got rows" in capsys.readouterr().out
+    )
+    for text, message in (
+        ("other:few=1", "variants are bin_owned, two_stage, persistent"),
+        ("bin_owned:warps=5", "warps must be 0, 4, 8, got 5"),
+        ("persistent:few=0", "parameters of persistent are none, got few"),
+    ):
+        assert cuda_cases.ways([cuda_cases.way(text)], TODAY) == []
+        assert message in capsys.readouterr().out
+
+
+def test_a_setting_from_the_command_line() -> None:
+    assert cuda_cases.way("two_stage:threshold=500,queue=7") == cuda_cases.Way(
+        "two_stage", "threshold=500,queue=7", {"threshold": 500, "queue": 7}
+    )
+    assert cuda_cases.way("persistent").name == "persistent"
+    for text in ("two_stage:threshold", "two_stage:threshold=-1", "two_stage:threshold=x"):
+        with pytest.raises(argparse.ArgumentTypeError, match="whole number"):
+            cuda_cases.way(text)
+
+
+def test_a_setting_is_in_force() -> None:
+    name, parameter = next(iter(native.REGISTRY["cpu"]["exact"]["bin_owned"].parameters.items()))
+    given = cuda_cases.Way("bin_owned", "", {name: parameter.high})
+    assert native.parameter_values("rasterize", native.REGISTRY["cpu"]["exact"]["bin_owned"], None) == []
+    with given.setting():
+        assert native.parameter_values("rasterize", native.REGISTRY["cpu"]["exact"]["bin_owned"], None)[0] == parameter.high
+
+
+# --- auto against the best
+
+
+class PacedClock(FakeClock):
+    """Each call takes as long as its variant is told to."""
+
+    def __init__(self, us: dict[str, float]) -> None:
+        super().__init__(1)
+        self.us_of = us
+
+    def times(self, replay, count: int) -> list[float]:
+        replay()
+        return [self.us_of[replay.args[0]]] * count
+
+
+def contest(us: dict[str, float]):
+    case = case_of(scenes.make("S2", 1280, 720), 320, 240)
+    every = [cuda_cases.AUTO, *(cuda_cases.Way(name, "", {}) for name in native.VARIANTS["cpu"])]
+    found = cuda_best.Contest(PacedClock(us), None, HERE, every, 0)
+    found.case(case)
+    return found
+
+
+def test_auto_against_the_best() -> None:
+    found = contest({"auto": 20, "bin_owned": 15, "scanline": 40})
+    assert [(r.variant, r.us_median, r.repeats, r.wrong_pixels) for r in found.rows] == [
+        ("auto", 20, cuda_clock.ROUNDS * cuda_clock.TURN, 0),
+        ("bin_owned", 15, cuda_clock.ROUNDS * cuda_clock.TURN, 0),
+        ("scanline", 40, 1, 0),  # more than twice the fastest: it takes no turns
+    ]
+    [verdict] = found.verdicts
+    assert (verdict.name, verdict.auto, verdict.best, verdict.ratio) == ("bin_owned", 20, 15, pytest.approx(4 / 3))
+    assert verdict.marked and verdict.line().endswith("NOT THE BEST")
+    assert not found.failures and found.wrong() == 0
+
+
+@pytest.mark.parametrize(
+    "auto, best, marked", [(11.2, 10, True), (10.9, 10, False), (3.9, 3, False), (4.1, 3, True), (9, 10, False)]
+)
+def test_what_is_marked(auto: float, best: float, marked: bool) -> None:
+    job = cuda_clock.Job("S1", 64, 64, 1)
+    found = cuda_best.verdict(job, {"auto": [[auto] * 3] * 3, "x": [[best] * 3] * 3, "memset": [[1.0]]})
+    assert found is not None and found.marked is marked and found.memset == 1.0
+    assert cuda_best.verdict(job, {"auto": [[auto]], "memset": [[1.0]]}) is None
+
+
+def test_auto_is_not_its_own_rival() -> None:
+    names = [way.name for way in cuda_best.all_ways("cpu", [])]
+    assert names[0] == "auto" and native.VARIANTS["cpu"][0] not in names and set(native.VARIANTS["cpu"][1:]) <= {*names}
+
+
+def test_turns_reverse(monkeypatch: pytest.MonkeyPatch) -> None:
+    order: list[str] = []
+    calls = {name: functools.partial(order.append, name) for name in "abc"}
+    times = cuda_clock.take_turns(cuda_clock.WallClock(), calls, 0)
+    assert "".join(order[:: cuda_clock.TURN]) == "abccbaabc"
+    assert all(len(rounds) == cuda_clock.ROUNDS and len(rounds[0]) == cuda_clock.TURN for rounds in times.values())
+
+
+def test_best_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cuda_floor, "FOLDER", tmp_path)
+    path = tmp_path / "best.csv"
+    options = ["--scenes", "R4k", "--size", "64x48", "--batches", "2x8x8", "--seconds", "0", "--csv", str(path)]
+    assert cuda_best.main(["--dry-run", *options, "--batch-scenes", "R4k+R4k", "--setting", "bin_owned:records=1000"]) == 0
+    rows = benchmark.read_csv(path)
+    ways = {"auto", *native.VARIANTS["cpu"][1:], "bin_owned records=1000"}
+    assert {row["variant"] for row in rows} - {"memset"} == ways
+    assert {(row["scene"], row["views"]) for row in rows} == {("R4k", "1"), ("R4k+R4k", "2")}
+    assert {row["wrong_pixels"] for row in rows if row["variant"] != "memset"} == {"0"}
+    assert "2 cases; 0 wrong pixels; 0 failures" in capsys.readouterr().out
+
+
 # --- scaling
 
 
 def test_ways() -> None:
-    names = [way.name for way in cuda_scaling.ways(("bin_owned", "persistent"))]
-    assert names == ["bin_owned", "persistent", "bin_owned few", "bin_owned some", "bin_owned many"]
-    assert all(set(way.tuning) <= PARAMETERS for way in cuda_scaling.ways(("bin_owned",)))
+    names = [way.name for way in cuda_scaling.ways(TODAY)]
+    assert names == [*TODAY, "bin_owned few", "bin_owned some", "bin_owned many", "auto"]
 
 
 def test_limits() -> None:
-    few, some, many = (cuda_scaling.Way("bin_owned", path, {}) for path in ("few", "some", "many"))
+    few, some, many = (
+        cuda_cases.Way("bin_owned", path, {}, most) for path, most in (("few", 256), ("some", 65536), ("many", cuda_cases.EVERY))
+    )
     point = cuda_scaling.Point("count", "mesh", 10, 8, 8, lambda: None)
     limits = cuda_scaling.Limits()
     assert limits.allows(point, many, 10**7)  # nothing is known
@@ -310,6 +574,9 @@ def test_limits() -> None:
     assert limits.allows(point._replace(kind="other"), some, 1000)
     threshold = point._replace(curve="threshold")
     assert limits.allows(threshold, many, 1000) and not limits.allows(threshold, few, 1000)
+    sweep = point._replace(curve="body_count")
+    assert limits.allows(sweep, cuda_cases.AUTO, 1000) and not limits.allows(sweep, many, 1000)
+    assert not limits.allows(point, cuda_cases.AUTO, 1000)
 
 
 def test_scattered_triangles_have_the_area_asked_for() -> None:
@@ -329,7 +596,7 @@ def test_layers_cover_the_image_so_often() -> None:
 
 def test_every_curve_grows() -> None:
     """What `Limits` relies on: the number of triangles, or of pixels, never falls along a curve."""
-    for name, points in cuda_scaling.CURVES.items():
+    for name, points in (cuda_scaling.CURVES | cuda_scaling.SWEEPS).items():
         last: dict[str, float] = {}
         for point in points():
             size = 1 / point.x if name == "area" else point.x
@@ -348,12 +615,12 @@ def test_shuffled_keeps_the_triangles() -> None:
 def test_scaling_rows() -> None:
     point = cuda_scaling.Point("count", "mesh", 50, 96, 64, lambda: scenes.small_mesh(50, 96, 64, 1))
     scaling = cuda_scaling.Scaling(FakeClock(100), HERE, CPU, 0.01)
-    todo = cuda_scaling.ways(("bin_owned",))
-    scaling.point(point, scenes.to_clip(point.make(), 96, 64), todo)
+    todo = [cuda_cases.Way(name, "", {}) for name in native.VARIANTS["cpu"]]
+    scaling.point(point, point.given(), todo)
     assert [cuda_scaling.name_of(r) for r in scaling.rows] == [way.name for way in todo]
     assert {(r.wrong_pixels, r.against, r.us_median, r.triangles) for r in scaling.rows} == {(0, "cpu", 200, 50)}
     slow = cuda_scaling.Scaling(FakeClock(cuda_scaling.LIMIT * 2), HERE, CPU, 0.01)
-    slow.point(point, scenes.to_clip(point.make(), 96, 64), todo)
+    slow.point(point, point.given(), todo)
     assert not slow.rows and not slow.failures
 
 
@@ -361,8 +628,62 @@ def test_large_images_are_compared_with_the_first_way(monkeypatch: pytest.Monkey
     monkeypatch.setattr(cuda_scaling, "CPU_PIXELS", 10)
     point = cuda_scaling.Point("count", "mesh", 50, 96, 64, lambda: scenes.small_mesh(50, 96, 64, 1))
     scaling = cuda_scaling.Scaling(FakeClock(100), HERE, CPU, 0.01)
-    scaling.point(point, scenes.to_clip(point.make(), 96, 64), cuda_scaling.ways(("bin_owned",)))
+    scaling.point(point, point.given(), [cuda_cases.Way(name, "", {}) for name in native.VARIANTS["cpu"]])
     assert {(r.wrong_pixels, r.against) for r in scaling.rows} == {(0, "bin_owned")}
+
+
+def test_sweeps_have_what_they_say() -> None:
+    assert cuda_scaling.steps(10, 1_000_000, 1.5)[:4] == [10, 15, 22, 33]
+    for low, high, factor in ((10, 1_000_000, 1.5), (1, 200, 1.5), (64, 4096, 2**0.5), (2, 1024, 1.5)):
+        found = cuda_scaling.steps(low, high, factor)
+        assert (found[0], found[-1]) == (low, high)
+        assert all(a < b <= factor * a + 1 for a, b in zip(found, found[1:], strict=False))
+    for count in (10, 33, 1000):
+        given = cuda_scaling.first_of(count)
+        assert len(given.triangles) == count and given.triangles.max() == len(given.positions) - 1
+    point = next(p for p in cuda_scaling.body_views_points() if p.x == 10)
+    assert point.given().positions.shape[0] == point.views == 10 and cuda_scaling.bytes_of(point) == 10 * 128 * 128 * 17
+
+
+@pytest.mark.parametrize("percent", [10, 50, 100])
+def test_a_body_is_as_high_as_it_says(percent: int) -> None:
+    given = cuda_scaling.as_high(4000, percent)
+    high = np.ptp(given.positions[:, 1] / given.positions[:, 3]) / 2 * 100  # percent of the picture
+    assert 0.7 * percent < high <= percent  # the body fills most of the ball around it
+
+
+def test_cliffs() -> None:
+    x = [10 * 2**k for k in range(8)]
+    smooth = [5 + count / 10 for count in x]
+    assert cuda_scaling.cliffs(x, smooth) == []
+    assert cuda_scaling.cliffs(x, [us + 20 * (count > 100) for us, count in zip(smooth, x, strict=True)]) == [3]
+    assert cuda_scaling.cliffs(x, [us + 20 * (count < 100) for us, count in zip(smooth, x, strict=True)]) == [3]
+    low = [us / 20 + 0.5 * (count > 100) for us, count in zip(smooth, x, strict=True)]
+    assert cuda_scaling.cliffs(x, low) == []  # less than 1 us is none
+    assert cuda_scaling.cliffs([2, 3, 6, 7], [2.0, 3.0, 6.0, 7.0]) == []  # steps need not be alike
+    assert cuda_scaling.cliffs([1], [1.0]) == []
+
+
+def test_cliffs_are_reported() -> None:
+    def at(x: int, us: float, curve: str = "body_count"):
+        return cuda_scaling.Row(curve, "8 x 8", x, 8, 8, "auto", "", None, x, "graph", us, us, us, us, 9, 0, "cpu", 1.0, *HERE)
+
+    rows = [at(10, 5), at(15, 5.1), at(22, 15), at(33, 15.2), at(10, 1, "count"), at(15, 99, "count")]
+    assert cuda_scaling.cliff_lines(rows) == [
+        "body_count 8 x 8: from 5.10 us at 15 to 15.0 at 22",
+        "body_count 8 x 8: 1 cliffs in 4 points",
+    ]
+
+
+def test_sweep_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cuda_floor, "FOLDER", tmp_path)
+    path = tmp_path / "sweeps.csv"
+    options = ["--dry-run", "--curves", "body_count,threshold", "--most", "100", "--largest", "256", "--seconds", "0"]
+    assert cuda_scaling.main([*options, "--csv", str(path)]) == 0
+    rows = benchmark.read_csv(path)
+    assert [int(row["x"]) for row in rows] == [10, 15, 22, 33, 49, 73] and {row["variant"] for row in rows} == {"auto"}
+    said = capsys.readouterr().out
+    assert "threshold: left out, no variant has it as a parameter" in said and "cliffs in 6 points" in said
 
 
 # --- pictures
@@ -387,7 +708,7 @@ def test_pictures_are_made(tmp_path: Path) -> None:
     benchmark.write_csv(tmp_path / "run.csv", rows, cuda_clock.DIGITS)
     plot.scene_bars(benchmark.read_csv(tmp_path / "run.csv"), tmp_path)
     assert (tmp_path / "cuda_scenes_1920x1080.png").stat().st_size > 1000
-    todo = cuda_scaling.ways(("bin_owned",))
+    todo = cuda_scaling.ways(TODAY)
     points = [
         cuda_scaling.Row(curve, "kind 1", x, 8, 8, w.variant, w.path, None, x, "graph", x, x, x, x, 9, 0, "cpu", 1.0, *HERE)
         for curve in cuda_scaling.CURVES
