@@ -34,7 +34,7 @@ IN_A_ROW = 20  # frames in the graph of `graph20`
 AT_LEAST, AT_MOST = 50, 200  # repeats
 SLOW = 20_000  # us: above, a few repeats and no `graph20`
 SLOW_REPEATS = 5
-TURN = 12  # repeats of a turn, where several calls take turns
+TURN, SLOW_TURN = 12, 3  # repeats of a turn, where several calls take turns; of what is slow
 ROUNDS = 3  # of turns, at least
 EVICT = 256 << 20  # bytes: several times any L2 cache
 CYCLES = 2000  # of a GPU's clock in a microsecond, at most; only for the waiting kernel
@@ -187,15 +187,16 @@ def _enqueued(call: Call, seconds: float, wait: Call) -> list[float]:
 def take_turns(clock: Clock, replays: dict[str, Call], seconds: float) -> dict[str, list[list[float]]]:
     """Microseconds [name][round][repeat] of rounds for about `seconds`.
 
-    In a round everyone replays `TURN` times, one after the other, in an order that reverses every round, so that a change of
-    the clocks meets all of them.
+    In a round everyone replays its turn, one after the other, in an order that reverses every round, so that a change of the
+    clocks meets all of them.
     """
     times: dict[str, list[list[float]]] = {name: [] for name in replays}
+    turns = {name: TURN if clock.once(replay) < SLOW / 10 else SLOW_TURN for name, replay in replays.items()}
     end = time.perf_counter() + seconds
     number = 0
     while number < ROUNDS or time.perf_counter() < end:
         for name in list(replays) if number % 2 == 0 else reversed(list(replays)):
-            times[name].append(clock.times(replays[name], TURN))
+            times[name].append(clock.times(replays[name], turns[name]))
         number += 1
     return times
 

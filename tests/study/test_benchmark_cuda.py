@@ -196,6 +196,20 @@ def test_clock_times_a_frame_by_every_method(monkeypatch: pytest.MonkeyPatch, me
     assert cuda.frames - before == (cuda_clock.IN_A_ROW if method == "graph20" else 1)
 
 
+def test_replays_and_the_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    cuda = FakeCuda(monkeypatch)
+    clock = cuda_clock.CudaClock()
+    replay = clock.replay(cuda.draw)
+    before = cuda.frames
+    assert clock.times(replay, 4) == pytest.approx([10.0] * 4) and cuda.sleeps == 4
+    assert cuda.frames == before + 3 + 4  # three warm up
+    waits: list[int] = []
+    monkeypatch.setattr(torch.cuda, "synchronize", lambda: waits.append(cuda.frames))
+    before = cuda.frames
+    assert len(clock.host(cuda.draw, 0)) == cuda_clock.AT_LEAST == cuda.frames - before - 1  # the first one does not count
+    assert waits[0] == before + 1 and waits[-1] == cuda.frames and waits[1] - waits[0] == 8  # a queue never grows long
+
+
 class FakeClock:
     """Takes as long as it is told."""
 
@@ -532,10 +546,12 @@ def test_auto_is_not_its_own_rival() -> None:
 
 def test_turns_reverse(monkeypatch: pytest.MonkeyPatch) -> None:
     order: list[str] = []
+    monkeypatch.setattr(cuda_clock.WallClock, "once", lambda self, call: call() or 10_000.0 * (call.args == ("b",)))
     calls = {name: functools.partial(order.append, name) for name in "abc"}
     times = cuda_clock.take_turns(cuda_clock.WallClock(), calls, 0)
-    assert "".join(order[:: cuda_clock.TURN]) == "abccbaabc"
-    assert all(len(rounds) == cuda_clock.ROUNDS and len(rounds[0]) == cuda_clock.TURN for rounds in times.values())
+    lengths = {"a": cuda_clock.TURN, "b": cuda_clock.SLOW_TURN, "c": cuda_clock.TURN}
+    assert "".join(order) == "abc" + "".join(name * lengths[name] for name in "abccbaabc")
+    assert {name: [len(us) for us in rounds] for name, rounds in times.items()} == {n: [k] * 3 for n, k in lengths.items()}
 
 
 def test_best_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
