@@ -3,9 +3,10 @@
 * `cuda_scenes_WxH.png`: each scene's time as a multiple of a memset of the image, with the floor and other rasterizers;
 * `cuda_scaling.png`: time against area, number of triangles, layers and resolution, with the points at which another path of
 bin_owned becomes the fastest;
+* `cuda_sweeps.png`: "auto" on the bumpy body against number of triangles, share of the screen, resolution and views;
 * `cuda_threshold.png`: time against the bbox above which a triangle is queued.
 
-    python bench/cuda_plot.py --run bench/results/cuda_h200*.csv --out docs/img
+    python bench/cuda_plot.py --run bench/results/cuda_h200.csv --out docs/img
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import cuda_run
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 from plot import Row, distinct, save, where
 
 from bigtri.study import scenes
@@ -30,6 +31,7 @@ from bigtri.study.benchmark import read_csv
 
 # colours apart for the colour-blind too (Okabe and Ito)
 COLORS = {
+    "auto": "#0072B2",
     "bin_owned": "#0072B2",
     "two_stage": "#CC79A7",
     "persistent": "#009E73",
@@ -93,7 +95,7 @@ def bars_of(rows: list[Row], width: str, height: str) -> dict[str, dict[str, tup
 
 def scene_bars(rows: list[Row], out: Path) -> None:
     """A picture for each size."""
-    rows = where(rows, seed=str(scenes.SEED))
+    rows = [row for row in where(rows, seed=str(scenes.SEED)) if row.get("views", "1") == "1"]  # older CSVs have no batches
     for width, height in distinct(rows, "width", "height"):
         here = where(rows, width=width, height=height)
         us = bars_of(here, width, height)
@@ -108,7 +110,7 @@ def scene_bars(rows: list[Row], out: Path) -> None:
         names = list(dict.fromkeys(name for name in order if name not in PEERS)) + [name for name in PEERS if name in us]
         scene_names = [name for (name,) in distinct(here, "scene")]
         breadth = 0.86 / len(names)
-        figure, axes = plt.subplots(figsize=(12, 4.6))
+        figure, axes = plt.subplots(figsize=(max(12, 1.3 * len(scene_names)), 4.6))
         for number, name in enumerate(names):
             shown = [(at, scene) for at, scene in enumerate(scene_names) if scene in us[name] and scene in memset]
             at = [x + (number - (len(names) - 1) / 2) * breadth for x, _ in shown]
@@ -126,7 +128,8 @@ def scene_bars(rows: list[Row], out: Path) -> None:
         plain_log(axes)
         axes.set_ylabel("time / memset of the image (log)")
         axes.set_title(f"{width} x {height}; over the bars: us a frame; memset: {short(mean)} us", loc="left", size=10)
-        titles = [f"{name}\n{textwrap.fill(scenes.SCENES[name].title, 26)}" for name in scene_names]
+        known = {name: recipe.title for name, recipe in scenes.SCENES.items()}
+        titles = [f"{name}\n{textwrap.fill(known.get(name, ''), 26)}" for name in scene_names]
         axes.set_xticks(range(len(scene_names)), titles, size=7)
         axes.grid(axis="y", alpha=0.3)
         axes.set_axisbelow(True)
@@ -167,11 +170,17 @@ def crossovers(x: Sequence[float], us: dict[str, Sequence[float | None]]) -> lis
     return changes
 
 
-PANELS = {
+PANELS = {  # curve: title, label of x
     "area": ("Area of a triangle, fragments fixed", "area of a triangle, px"),
     "count": ("Number of triangles, 1920 x 1080", "triangles"),
     "depth": ("Full-screen layers, 1920 x 1080", "layers"),
     "resolution": ("Resolution", "side of the square image, px"),
+}
+SWEEPS = {
+    "body_count": ("Number of triangles", "triangles"),
+    "body_share": ("16,000 triangles, near and far", "height of the ball around the body, % of the picture"),
+    "body_resolution": ("Resolution", "side of the square image, px"),
+    "body_views": ("Views of a batch", "views"),
 }
 STYLES = ("-", "--", ":")
 
@@ -240,7 +249,18 @@ def rounded(value: float) -> str:
 
 
 def scaling(rows: list[Row], out: Path) -> None:
-    shown = [name for name in PANELS if where(rows, curve=name)]
+    how = "CUDA graph replay, median, bands: quartiles; upright lines: where another path of bin_owned becomes the fastest"
+    four_panels(rows, PANELS, how, out / "cuda_scaling.png")
+
+
+def sweeps(rows: list[Row], out: Path) -> None:
+    four_panels(rows, SWEEPS, "CUDA graph replay, median, bands: quartiles", out / "cuda_sweeps.png")
+
+
+def four_panels(rows: list[Row], panels_of: dict[str, tuple[str, str]], how: str, file: Path) -> None:
+    """A picture of up to four curves."""
+    shown = [name for name in panels_of if where(rows, curve=name)]
+    rows = [row for row in rows if row["curve"] in shown]
     names = list(dict.fromkeys(name_of(row) for row in rows))
     figure, panels = plt.subplots(2, 2, figsize=(12, 9), squeeze=False)
     for axes in panels.flat[len(shown) :]:
@@ -250,20 +270,19 @@ def scaling(rows: list[Row], out: Path) -> None:
         scaling_panel(axes, here, names)
         mark_crossovers(axes, here)
         plain_log(axes)
-        title, label = PANELS[name]
+        title, label = panels_of[name]
         axes.set_title(title, loc="left", size=10)
         axes.set_xlabel(label)
         axes.set_ylabel("us a frame (log)")
-        if name == "resolution":
-            sides = sorted({int(row["x"]) for row in here})
+        if name.endswith("resolution"):
+            sides = sorted(side for side in {int(row["x"]) for row in here} if side.bit_count() == 1)
             axes.set_xticks(sides, [str(side) for side in sides], size=8)
-            axes.minorticks_off()
+            axes.xaxis.set_minor_locator(NullLocator())
     handles = [Line2D([], [], label=name, **line_of(name, names)) for name in names]
     handles.append(Line2D([], [], color="0.5", lw=0.8, label="memset of the image"))
     figure.legend(handles=handles, frameon=False, ncols=len(handles), loc="upper center", bbox_to_anchor=(0.5, 1.0), fontsize=8.5)
-    text = "CUDA graph replay, median, bands: quartiles; upright lines: where another path of bin_owned becomes the fastest"
-    caption(figure, rows, text)
-    save(figure, out / "cuda_scaling.png", top=0.97)
+    caption(figure, rows, how)
+    save(figure, file, top=0.97)
 
 
 def threshold(rows: list[Row], out: Path) -> None:
@@ -312,16 +331,19 @@ def main() -> None:
         "--run", type=Path, nargs="+", metavar="CSV", help="what cuda_run.py wrote; of several rows for a bar the fastest"
     )
     parser.add_argument("--scaling", type=Path, metavar="CSV", help="what cuda_scaling.py wrote")
+    parser.add_argument("--sweeps", type=Path, metavar="CSV", help="what cuda_scaling.py --curves sweeps wrote")
     parser.add_argument("--out", type=Path, default=Path("docs/img"), help="folder of the pictures (default docs/img)")
     arguments = parser.parse_args()
-    if not (arguments.run or arguments.scaling):
-        parser.error("--run, --scaling or both")
+    if not (arguments.run or arguments.scaling or arguments.sweeps):
+        parser.error("--run, --scaling or --sweeps")
     if arguments.run:
         scene_bars([row for file in arguments.run for row in read_csv(file)], arguments.out)
     if arguments.scaling:
         rows = read_csv(arguments.scaling)
         scaling(rows, arguments.out)
         threshold(rows, arguments.out)
+    if arguments.sweeps:
+        sweeps(read_csv(arguments.sweeps), arguments.out)
 
 
 if __name__ == "__main__":

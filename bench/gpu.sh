@@ -2,18 +2,22 @@
 # Builds, tests and measures on a machine with a CUDA GPU, in one call:
 #
 #     bench/gpu.sh                              build test bench
-#     bench/gpu.sh build test bench scaling sanitize
+#     bench/gpu.sh build test bench best sweep scaling sanitize
 #     OUT=/some/folder BENCH_ARGS="--scenes S1,S3 --kernels" bench/gpu.sh build bench
+#     MODELS="duck.glb bunny.ply" bench/gpu.sh build models
 #
-# Steps: build, test, quick (a minute of benchmark, without floor), bench, scaling, plot, sanitize. A step that fails does not keep the next one from running; the
-# summary comes last, and the exit code is 1 if one failed. Logs, CSVs and pictures go to $OUT (default build/gpu).
+# Steps: build, test, quick (a minute of benchmark, without floor), bench, models (bench and best on models of your own), best (auto
+# against the best setting), sweep (for cliffs), scaling, plot, sanitize. A step that fails does not keep the next one from running;
+# the summary comes last, and the exit code is 1 if one failed. Logs, CSVs and pictures go to $OUT (default build/gpu).
 #
 #   OUT             folder of results
 #   PYTHON          default python3, which must have torch for CUDA
 #   BIGTRI_WHEELS   folder of wheels to install first, without a network; nothing is installed otherwise
 #   BIGTRI_COMMIT   what the rows say where there is no .git
-#   TEST_ARGS BENCH_ARGS SCALING_ARGS   more arguments for pytest, cuda_run.py, cuda_scaling.py
-#   BUILD_TIMEOUT TEST_TIMEOUT BENCH_TIMEOUT SCALING_TIMEOUT SANITIZE_TIMEOUT   seconds (360, 240, 240, 240, 240 for each tool)
+#   MODELS          files for the step models
+#   TEST_ARGS BENCH_ARGS BEST_ARGS SCALING_ARGS   more arguments for pytest, cuda_run.py, cuda_best.py, cuda_scaling.py
+#   BUILD_TIMEOUT TEST_TIMEOUT BENCH_TIMEOUT BEST_TIMEOUT SCALING_TIMEOUT SANITIZE_TIMEOUT   seconds (360, 240, 300, 240, 240,
+#                   240 for each tool)
 set -u
 cd "$(dirname "$0")/.." || exit 2
 OUT=${OUT:-build/gpu}
@@ -77,11 +81,25 @@ for name in "${steps[@]}"; do
       ;;
     quick)
       # shellcheck disable=SC2086
-      step quick 120 30 "$PYTHON" bench/cuda_run.py --methods graph --size 1080p --seconds 0.02 --no-floor --csv "$OUT/quick.csv" ${BENCH_ARGS:-}
+      step quick 120 30 "$PYTHON" bench/cuda_run.py --methods graph --size 1080p --batches 64x256x256 --seconds 0.02 --no-floor --total 60 --csv "$OUT/quick.csv" ${BENCH_ARGS:-}
       ;;
     bench)
       # shellcheck disable=SC2086
-      step bench "${BENCH_TIMEOUT:-240}" 60 "$PYTHON" bench/cuda_run.py --csv "$OUT/cuda.csv" ${BENCH_ARGS:-}
+      step bench "${BENCH_TIMEOUT:-300}" 80 "$PYTHON" bench/cuda_run.py --csv "$OUT/cuda.csv" ${BENCH_ARGS:-}
+      ;;
+    models)
+      # shellcheck disable=SC2086
+      step models "${BENCH_TIMEOUT:-300}" 80 "$PYTHON" bench/cuda_run.py --methods graph,host --csv "$OUT/models.csv" --model ${MODELS:-} ${BENCH_ARGS:-}
+      # shellcheck disable=SC2086
+      step models-best "${BEST_TIMEOUT:-240}" 80 "$PYTHON" bench/cuda_best.py --csv "$OUT/models_best.csv" --model ${MODELS:-} ${BEST_ARGS:-}
+      ;;
+    best)
+      # shellcheck disable=SC2086
+      step best "${BEST_TIMEOUT:-240}" 120 "$PYTHON" bench/cuda_best.py --csv "$OUT/cuda_best.csv" ${BEST_ARGS:-}
+      ;;
+    sweep)
+      # shellcheck disable=SC2086
+      step sweep "${SCALING_TIMEOUT:-240}" 60 "$PYTHON" bench/cuda_scaling.py --curves sweeps --csv "$OUT/cuda_sweeps.csv" ${SCALING_ARGS:-}
       ;;
     scaling)
       # shellcheck disable=SC2086
@@ -91,6 +109,7 @@ for name in "${steps[@]}"; do
       arguments=()
       [ -s "$OUT/cuda.csv" ] && arguments+=(--run "$OUT/cuda.csv")
       [ -s "$OUT/cuda_scaling.csv" ] && arguments+=(--scaling "$OUT/cuda_scaling.csv")
+      [ -s "$OUT/cuda_sweeps.csv" ] && arguments+=(--sweeps "$OUT/cuda_sweeps.csv")
       step plot 120 5 "$PYTHON" bench/cuda_plot.py "${arguments[@]}" --out "$OUT"
       ;;
     sanitize)

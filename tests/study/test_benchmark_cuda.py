@@ -719,24 +719,26 @@ def test_crossovers() -> None:
 def test_pictures_are_made(tmp_path: Path) -> None:
     plot = pytest.importorskip("matplotlib") and importlib.import_module("cuda_plot")
     rows = [
-        row(name, us, scene=scene) for scene in ("S1", "S3") for name, us in (("memset", 7), ("floor list", 9), ("bin_owned", 10))
+        row(name, us, scene=scene)
+        for scene in ("S1", "a model")
+        for name, us in (("memset", 7), ("floor list", 9), ("bin_owned", 10))
     ]
+    rows += [dataclasses.replace(rows[0], scene="R4k+R16k", views=64)]  # a batch has no bar
     benchmark.write_csv(tmp_path / "run.csv", rows, cuda_clock.DIGITS)
     plot.scene_bars(benchmark.read_csv(tmp_path / "run.csv"), tmp_path)
     assert (tmp_path / "cuda_scenes_1920x1080.png").stat().st_size > 1000
-    todo = cuda_scaling.ways(TODAY)
     points = [
-        cuda_scaling.Row(curve, "kind 1", x, 8, 8, w.variant, w.path, None, x, "graph", x, x, x, x, 9, 0, "cpu", 1.0, *HERE)
-        for curve in cuda_scaling.CURVES
-        for x in (1, 10)
-        for w in todo
+        cuda_scaling.Row(curve, "10 px", x, 8, 8, w.variant, w.path, None, x, "graph", x, x, x, x, 9, 0, "cpu", 1.0, *HERE)
+        for curve in (*cuda_scaling.CURVES, *cuda_scaling.SWEEPS)
+        for x in (1, 16)
+        for w in cuda_scaling.ways(TODAY)
     ]
-    for point in points:
-        point.kind = "10 px"
     benchmark.write_csv(tmp_path / "scaling.csv", points, cuda_clock.DIGITS)
     plot.scaling(benchmark.read_csv(tmp_path / "scaling.csv"), tmp_path)
     plot.threshold(benchmark.read_csv(tmp_path / "scaling.csv"), tmp_path)
     assert (tmp_path / "cuda_scaling.png").exists() and (tmp_path / "cuda_threshold.png").exists()
+    plot.sweeps(benchmark.read_csv(tmp_path / "scaling.csv"), tmp_path)
+    assert (tmp_path / "cuda_sweeps.png").stat().st_size > 1000
 
 
 # --- the script for a GPU machine
@@ -755,7 +757,8 @@ def test_sanitize_draws_what_it_says() -> None:
 def test_gpu_script_goes_on_after_a_failure(tmp_path: Path) -> None:
     subprocess.run(["bash", "-n", str(BENCH / "gpu.sh")], check=True)
     environment = {"PATH": "/usr/bin:/bin", "OUT": str(tmp_path), "PYTHON": "false"}
-    done = subprocess.run(["bash", str(BENCH / "gpu.sh"), "quick", "bench"], capture_output=True, text=True, env=environment)
+    steps = ["quick", "bench", "best", "sweep"]
+    done = subprocess.run(["bash", str(BENCH / "gpu.sh"), *steps], capture_output=True, text=True, env=environment)
     assert done.returncode == 1
     summary = (tmp_path / "summary.txt").read_text()
-    assert summary.count("FAILED") == 2 and done.stdout.endswith(summary)
+    assert summary.count("FAILED") == len(steps) and done.stdout.endswith(summary)
