@@ -1,9 +1,9 @@
 """What "auto" chooses against the best of all variants and settings, for every scene, size and batch.
 
 A fixed way is a variant, or one with parameters: those of `cuda_cases.SETTINGS` that the extension has, and those of
-`--setting`. Each way draws a few frames; what takes more than twice as long as the fastest has lost, and the others take
-turns by graph replay (cuda_clock.py), so that their times can be compared. Images are compared with the CPU's, bit for bit.
-A case is marked where auto takes more than 1.1 times as long as the best way, and more than 1 us longer.
+`--setting`. Each way draws a few frames; what takes more than twice as long as the fastest has lost, and the others and
+auto take turns by graph replay (cuda_clock.py), so that their times can be compared. Images are compared with the CPU's,
+bit for bit. A case is marked where auto takes more than 1.1 times as long as the best way, and more than 1 us longer.
 
     python bench/cuda_best.py --csv build/gpu/cuda_best.csv
     python bench/cuda_best.py --scenes R4k --batches none --setting two_stage:threshold=500 --setting bin_owned:few=0,some=0
@@ -33,7 +33,7 @@ from bigtri.study import benchmark
 
 MEMSET = "memset"
 LIMIT = 100_000  # us: what takes longer is not tried again
-LOST = 2  # times the fastest: what takes longer does not take turns
+LOST = 2  # times the fastest fixed way: what takes longer does not take turns
 ALLOWED = (1.1, 1.0)  # times, and us above, the best way's time that auto may take
 
 
@@ -94,13 +94,13 @@ class Contest:
         replays, first = self.heats(case)
         if AUTO.name not in first:
             return  # a failure says why
-        fastest = min(first.values())
+        fastest = min((us for name, us in first.items() if name != AUTO.name), default=0.0)
         running = {name: replay for name, replay in replays.items() if name == AUTO.name or first[name] <= LOST * fastest}
         if self.floor:
             running[MEMSET] = self.clock.replay(partial(self.floor.memset, case.packed))
         times = cuda_clock.take_turns(self.clock, running, self.seconds)
         wrong = {name: case.wrong_pixels(replay) for name, replay in replays.items()}
-        for name in (*replays, *(MEMSET for _ in running.keys() - replays.keys())):
+        for name in replays | running:
             us = sum(times[name], []) if name in times else [first[name]]
             self.rows.append(cuda_clock.row_of(case.job, name, len(case.triangles), "graph", us, wrong.get(name), self.where))
         if found := verdict(case.job, times):

@@ -398,6 +398,8 @@ def test_models_are_scenes_of_their_own(tmp_path: Path) -> None:
     maker = cuda_cases.Maker([path])
     small, large = (maker.make(cuda_clock.Job("a+b", *size, 1)) for size in ((64, 48), (1920, 1080)))
     assert small is large and small.triangles.shape == (320, 3)  # 16:9 at every size, and made once
+    given = maker.make(cuda_clock.Job("R16k-far", 64, 64, scenes.SEED))
+    np.testing.assert_array_equal(given.positions, scenes.make("R16k-far", 1920, 1080).positions)
     visible = bigtri.rasterize(small.positions, small.triangles, (90, 160), backend="native").triangle >= 0
     rows, columns = np.nonzero(visible)
     assert np.ptp(rows) == pytest.approx(np.ptp(columns), abs=1)  # a ball is round in a picture of 16:9
@@ -527,6 +529,8 @@ def test_auto_against_the_best() -> None:
     assert (verdict.name, verdict.auto, verdict.best, verdict.ratio) == ("bin_owned", 20, 15, pytest.approx(4 / 3))
     assert verdict.marked and verdict.line().endswith("NOT THE BEST")
     assert not found.failures and found.wrong() == 0
+    [ahead] = contest({"auto": 5, "bin_owned": 30, "scanline": 90}).verdicts  # the best rival runs, far behind as it is
+    assert (ahead.name, ahead.ratio, ahead.marked) == ("bin_owned", pytest.approx(1 / 6), False)
 
 
 @pytest.mark.parametrize(
