@@ -25,18 +25,19 @@ PATHS: dict[str, dict[str, int]] = {
     "default": {},
     "few warps": {"warps": 4},
     "many warps": {"warps": 16},
-    "some": {"few": 0, "some": 65536},
-    "many": {"few": 0, "some": 0},
+    "rows": {"few": 0},
+    "narrow": {"few": 0, "rows": 20},
+    "shares": {"few": 0, "share": 256},
 }
 # More values of parameters than their registry names: lists and queues of one, sizes that leave work for a second turn.
 VALUES: dict[str, tuple[int, ...]] = {
     "entries": (1, 2, 352),
     "blocks": (0, 1, 3, 1000),
     "queue": (1, 2, 700),
-    "threshold": (0, 64, 4000, 10**9),
+    "rows": (0, 8, 64, 256),
+    "share": (4, 32, 256),
     "cache": (0, 400_000, 800_000),
     "few": (0, 1, 64, 65536),
-    "some": (0, 4096, 65536),
 }
 Scissor = tuple[int, int, int, int]
 

@@ -104,6 +104,7 @@ inline double __fma_rn(double a, double b, double c) { return std::fma(a, b, c);
 inline double __drcp_rn(double v) { return 1.0 / v; }
 inline float __frcp_rn(float v) { return 1.0f / v; }
 inline float __fdividef(float a, float b) { return a / b; }
+inline int __float2int_rn(float v) { return (int)std::nearbyint(v); }
 inline int __double2int_ru(double v) {  // to the nearest there is, a NaN to 0
   v = std::ceil(v);
   return v != v ? 0 : v >= 2147483647.0 ? 2147483647 : v <= -2147483648.0 ? -2147483647 - 1 : (int)v;

@@ -70,38 +70,55 @@ BIGTRI_HD double meet(const Plane& plane, const double u[4], const double v[4], 
   return rounded_sum<8>(terms);
 }
 
-// The vertex where a plane cuts the polygon edge from a to b, which lie on different sides of it. The position is |dq|
-// * p + |dp| * q with the distances dp and dq written out, since the terms may cancel completely. It is symmetric in p
-// and q, bit for bit.
-BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVertex slots[3], const ClipVertex& a,
-                              const ClipVertex& b) {
-  ClipVertex n;
-  n.edges = a.edges & b.edges;
-  n.made = (1u << plane_index) | (a.made & b.made);
-  const ClipVertex *p = &a, *q = &b;
-  double dp = plane_distance(plane, p->position), dq = plane_distance(plane, q->position);
-  if (n.edges) {
+// What a new vertex is computed from: two vertices on different sides of the plane, and their distances to it.
+struct Cut {
+  const ClipVertex *p, *q;
+  double dp, dq;
+};
+
+// Of the polygon edge from a to b, whose ends lie on different sides of the plane.
+BIGTRI_HD Cut cut_of(const Plane& plane, const ClipVertex slots[3], const ClipVertex& a, const ClipVertex& b) {
+  Cut cut = {&a, &b, plane_distance(plane, a.position), plane_distance(plane, b.position)};
+  if (const uint32_t edges = a.edges & b.edges) {
     // The new vertex lies on an original edge. It is computed from the ends of that edge, not from the piece between a
     // and b, so that two triangles that share the edge get the same vertex. Rounding of an earlier cut can leave a and
     // b on different sides while both ends are on the same side. Only then is the piece used.
-    const int j = (n.edges & 1) ? 0 : (n.edges & 2) ? 1 : 2;
+    const int j = (edges & 1) ? 0 : (edges & 2) ? 1 : 2;
     const ClipVertex *begin = &slots[j], *end = &slots[j == 2 ? 0 : j + 1];
     const double db = plane_distance(plane, begin->position), de = plane_distance(plane, end->position);
-    if ((db >= 0) != (de >= 0)) {
-      p = begin;
-      q = end;
-      dp = db;
-      dq = de;
-    }
+    if ((db >= 0) != (de >= 0)) cut = {begin, end, db, de};
   }
-  const double *u = p->position, *v = q->position;
-  const double abs_p = dp < 0 ? -dp : dp, abs_q = dq < 0 ? -dq : dq;
-  const double scale = reciprocal_scale(abs_p + abs_q);
-  for (int i = 0; i < 4; ++i) {
-    const double t = meet(plane, u, v, i);
-    n.position[i] = (dp < 0 ? -t : t) * scale;
-  }
-  for (int i = 0; i < 3; ++i) n.weights[i] = (abs_q * p->weights[i] + abs_p * q->weights[i]) * scale;
+  return cut;
+}
+
+BIGTRI_HD double magnitude(double v) { return v < 0 ? -v : v; }
+BIGTRI_HD double cut_scale(const Cut& c) { return reciprocal_scale(magnitude(c.dp) + magnitude(c.dq)); }
+
+// Component i of the new vertex's position, which is |dq| * p + |dp| * q with the distances written out, since the
+// terms may cancel completely. It is symmetric in p and q, bit for bit.
+BIGTRI_HD double cut_position(const Plane& plane, const Cut& c, int i) {
+  const double t = meet(plane, c.p->position, c.q->position, i);
+  return (c.dp < 0 ? -t : t) * cut_scale(c);
+}
+
+BIGTRI_HD double cut_weight(const Cut& c, int i) {
+  return (magnitude(c.dq) * c.p->weights[i] + magnitude(c.dp) * c.q->weights[i]) * cut_scale(c);
+}
+
+// Which planes made a vertex between a and b.
+BIGTRI_HD uint32_t cut_made(int plane_index, const ClipVertex& a, const ClipVertex& b) {
+  return (1u << plane_index) | (a.made & b.made);
+}
+
+// The vertex where a plane cuts the polygon edge from a to b.
+BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVertex slots[3], const ClipVertex& a,
+                              const ClipVertex& b) {
+  const Cut cut = cut_of(plane, slots, a, b);
+  ClipVertex n;
+  for (int i = 0; i < 4; ++i) n.position[i] = cut_position(plane, cut, i);
+  for (int i = 0; i < 3; ++i) n.weights[i] = cut_weight(cut, i);
+  n.edges = a.edges & b.edges;
+  n.made = cut_made(plane_index, a, b);
   return n;
 }
 

@@ -33,7 +33,8 @@ struct Frame {
   int64_t* dropped;   // out: [views], triangles dropped
   int64_t* counters;  // out, added to: [kCounters]; null if nothing is counted (counters.h)
   int64_t view_stride;    // floats from one view's positions to the next's; 0 if all views share them
-  const int32_t* ranges;  // [views, 2], each view's first triangle and number of triangles; null: all in every view
+  int32_t first_triangle;  // the id of triangle 0; the others' follow
+  const int32_t* ranges;   // [views, 2], each view's first triangle and number of triangles; null: all in every view
 };
 
 // The triangles [first, end) of a view. A triangle's id is its place in the whole list.
@@ -45,6 +46,11 @@ BIGTRI_HD Range range_of(const Frame& f, int64_t view) {
   return {f.ranges[2 * view], (int64_t)f.ranges[2 * view] + f.ranges[2 * view + 1]};
 }
 
+// The first pixel of a view.
+BIGTRI_HD int64_t* pixels_of(const Frame& f, int64_t view) {
+  return f.packed + view * ((int64_t)f.view.width * f.view.height);
+}
+
 // One view of a frame, as a frame. Its range, if there are ranges, is range_of(one, 0).
 BIGTRI_HD Frame view_of(const Frame& f, int64_t view) {
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
@@ -52,7 +58,7 @@ BIGTRI_HD Frame view_of(const Frame& f, int64_t view) {
   one.views = 1;
   one.positions = f.positions + view * f.view_stride;
   one.ranges = f.ranges ? f.ranges + 2 * view : nullptr;
-  one.packed = f.packed + view * pixels;
+  one.packed = pixels_of(f, view);
   one.depth = f.depth ? f.depth + view * pixels : nullptr;
   one.dropped = f.dropped + view;
   return one;

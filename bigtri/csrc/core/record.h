@@ -19,6 +19,7 @@ struct Record {  // 96 bytes, 104 on the GPU
   float zmin, zmax;  // of z
   int32_t x0, y0, x1, y1;  // bbox, px, half-open
   uint32_t flags;  // kRecordLarge | kRecordThin | kRecordFar
+  int32_t view;  // set where records of several views lie together
 };
 // Large: its bins are tested against its edges, and it is drawn by tiles. Thin: depth is not computed from the plane
 // (numerics.md 7). Far: zmax > 1, so some fragments may be dropped.

@@ -11,8 +11,12 @@ inline namespace BIGTRI_NAMESPACE {
 constexpr uint32_t kOutsideMask = (1u << kPlanes) - 1;
 constexpr uint32_t kNonFinite = 1u << 6;  // a component is infinite or a NaN
 constexpr uint32_t kBehind = 1u << 7;     // w <= 0 or a NaN
+// Beyond the screen's left, right, lower and upper border. Only three vertices beyond the same one matter: whatever
+// clipping leaves of their triangle lies beyond it too, by no more than rounding within it, and so half a pixel away
+// from the nearest pixel centre. Such a triangle need not be clipped.
+constexpr uint32_t kScreenMask = 0xfu << 8;
 
-// One projected vertex. x, y and z are meaningful only if flags is 0.
+// One projected vertex. x, y and z are meaningful only if no flag but those in kScreenMask is set.
 struct Vertex {
   int32_t x, y;    // snapped, subpx
   float z;         // window depth
@@ -97,6 +101,7 @@ BIGTRI_HD uint32_t vertex_flags(const float v[4], int width, int height) {
     if (!(plane_distance(clip_plane(k, width, height), v) >= 0)) flags |= 1u << k;
   if (!(is_finite(v[0]) && is_finite(v[1]) && is_finite(v[2]) && is_finite(v[3]))) flags |= kNonFinite;
   if (!(v[3] > 0)) flags |= kBehind;
+  for (int k = 0; k < 2; ++k) flags |= (v[k] < -v[3] ? 1u : v[k] > v[3] ? 2u : 0u) << (8 + 2 * k);
   return flags;
 }
 
@@ -222,10 +227,10 @@ enum class Fate { kDropped, kNothing, kWhole, kClip };
 
 // a, b, c: the flags of the triangle's vertices.
 BIGTRI_HD Fate fate_of(uint32_t a, uint32_t b, uint32_t c) {
-  const uint32_t any = a | b | c;
-  if (any == 0) return Fate::kWhole;
+  const uint32_t any = (a | b | c) & ~kScreenMask;
   if (any & kNonFinite) return Fate::kDropped;
-  if (a & b & c & kOutsideMask) return Fate::kNothing;
+  if (a & b & c & (kOutsideMask | kScreenMask)) return Fate::kNothing;
+  if (any == 0) return Fate::kWhole;
   // A flag is set here. If it is no plane's, it is kBehind: some vertex has w <= 0. It is (0, 0, 0, 0), which has no
   // place on the screen: the near and depth distances add up to 5w >= 0, so w = 0; these two then give z = 0, and the
   // others x = y = 0.

@@ -6,7 +6,7 @@
 
 #include "../core/attributes.h"
 #include "launch.cuh"
-#include "setup.cuh"
+#include "clip.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -134,7 +134,7 @@ __global__ void __launch_bounds__(kWholeWarps* kWarp, 4) interpolate_whole(const
     Weights weights = background();
     ParentOf<1> parent;
     const Primitive& p = parent.primitive[0];
-    const Fate fate = at.triangle < 0 ? Fate::kNothing : set_up(f, at.triangle, nullptr, &parent.primitive[0]);
+    const Fate fate = at.triangle < 0 ? Fate::kNothing : set_up(f, at.triangle, &parent.primitive[0]);
     if (fate == Fate::kWhole && covers(p, at.x, at.y)) {
       double* w = parent.w[0];
       for (int k = 0; k < 3; ++k)

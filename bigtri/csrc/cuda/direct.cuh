@@ -31,8 +31,9 @@ __device__ __forceinline__ TileMasks warp_tile_masks(const Record& r, const Narr
   return {((uint64_t)touched[1] << 32 | touched[0]) & boxed, (uint64_t)full[1] << 32 | full[0]};
 }
 
-// The record within one bin, by a warp; a pixel is read first, since most of what large triangles draw is hidden.
-__device__ __forceinline__ void warp_draw_bin(const Frame& f, const Record& r, int bin_x, int bin_y) {
+// The record within one bin of a view, by a warp; a pixel is read first, since most of what large triangles draw is
+// hidden.
+__device__ __forceinline__ void warp_draw_bin(int64_t* pixels, int width, const Record& r, int bin_x, int bin_y) {
   NarrowEdge edge[3];
   if (!narrow_edges(r, bin_x, bin_y, edge)) return;
   const TileMasks masks = warp_tile_masks(r, edge, bin_x, bin_y);
@@ -57,26 +58,20 @@ __device__ __forceinline__ void warp_draw_bin(const Frame& f, const Record& r, i
       }
       const float z = thin ? thin_depth(&r, left + i, top + j)
                            : finish_depth(plane_row<double>(plane.zcell, plane.dzdy, j) + column, r.zmin, r.zmax);
-      keep_nearest(f.packed + (int64_t)(top + j) * f.view.width + left + i, pack_fragment(z, r.triangle), true);
+      keep_nearest(pixels + (int64_t)(top + j) * width + left + i, pack_fragment(z, r.triangle), true);
     }
   }
 }
 
 // The whole record, by a warp.
-__device__ __noinline__ void warp_draw(const Frame& f, const Record& r) {
+__device__ __noinline__ void warp_draw(int64_t* pixels, int width, const Record& r) {
   for (int y = r.y0 / kBin; y <= (r.y1 - 1) / kBin; ++y)
-    for (int x = r.x0 / kBin; x <= (r.x1 - 1) / kBin; ++x) warp_draw_bin(f, r, x, y);
+    for (int x = r.x0 / kBin; x <= (r.x1 - 1) / kBin; ++x) warp_draw_bin(pixels, width, r, x, y);
 }
 
-// The lanes' records, by the warp one after the other, each through shared memory.
-__device__ __noinline__ void draw_now(const Frame& f, const Record& record, bool have, Record* shared) {
-  for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
-    __syncwarp();
-    if (lane_id() == __ffs(todo) - 1) *shared = record;
-    __syncwarp();
-    warp_draw(f, *shared);
-  }
-  __syncwarp();
+// Those of a warp's records that are in `which` (bit k: record k), one after the other.
+__device__ __forceinline__ void draw_now(int64_t* pixels, int width, const Record* records, unsigned which) {
+  for (; which; which &= which - 1) warp_draw(pixels, width, records[__ffs(which) - 1]);
 }
 
 }  // namespace

@@ -13,6 +13,14 @@ __device__ __forceinline__ BinBox of_lane(const BinBox& b, int lane) {
           __shfl_sync(kAllLanes, b.count, lane)};
 }
 
+// Copies the warp's record to where it waits. By all lanes.
+__device__ __forceinline__ void copy_record(Record* to, const Record& from) {
+  constexpr int kWords = sizeof(Record) / sizeof(uint32_t);
+  static_assert(kWords <= kWarp, "a lane a word");
+  if (lane_id() < kWords)
+    reinterpret_cast<uint32_t*>(to)[lane_id()] = reinterpret_cast<const uint32_t*>(&from)[lane_id()];
+}
+
 // False if an edge rejects the bin.
 __device__ __forceinline__ bool narrow_edges(const Record& r, int bin_x, int bin_y, NarrowEdge edge[3]) {
   for (int k = 0; k < 3; ++k) {
@@ -133,6 +141,29 @@ __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, boo
   // The address space is named, since in a function that is called the compiler cannot know it and would make three of
   // this.
   asm volatile("red.relaxed.gpu.global.min.s64 [%0], %1;" ::"l"(__cvta_generic_to_global(pixel)), "l"(packed));
+}
+
+// Pixels next to each other of a record, from (x, y) on in a row, or in a column, each with a test and a plane of its
+// own: for what is thin, and for the ends of slivers. first: the first one in the frame; stride: to the next one.
+__device__ __noinline__ void draw_tested(int64_t* first, int stride, const Record& r, int x, int y, bool in_row,
+                                         int count) {
+#pragma unroll 1
+  for (int m = 0; m < count; ++m) {
+    const int px = in_row ? x + m : x, py = in_row ? y : y + m;
+    int64_t outside = 0;
+    for (int k = 0; k < 3; ++k) outside |= edge_steps(edge_of(r.x, r.y, k), px, py);
+    if (outside < 0) continue;
+    float depth;
+    if (r.flags & kRecordThin) {
+      depth = thin_depth(&r, px, py);
+    } else {
+      const CellPlane plane = cell_plane(r, px / kBin, py / kBin);
+      depth = finish_depth(
+          plane_row<double>(plane.zcell, plane.dzdy, py % kBin) + plane_column<double>(plane.dzdx, px % kBin), r.zmin,
+          r.zmax);
+    }
+    keep_nearest(first + (int64_t)m * stride, pack_fragment(depth, r.triangle), false);
+  }
 }
 
 }  // namespace

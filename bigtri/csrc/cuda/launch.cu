@@ -31,6 +31,12 @@ cudaError_t overlaps_launches(const void* kernel, bool* yes) {
   return cudaSuccess;
 }
 
+cudaError_t multiprocessors(int* count) {
+  int device;
+  BIGTRI_CUDA(cudaGetDevice(&device));
+  return cudaDeviceGetAttribute(count, cudaDevAttrMultiProcessorCount, device);
+}
+
 cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_bytes, int* blocks) {
   int device;
   BIGTRI_CUDA(cudaGetDevice(&device));
@@ -43,7 +49,7 @@ cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_byte
   if (shared_bytes > 48 * 1024)
     BIGTRI_CUDA(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)shared_bytes));
   int processors, each;
-  BIGTRI_CUDA(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device));
+  BIGTRI_CUDA(multiprocessors(&processors));
   BIGTRI_CUDA(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&each, kernel, threads, (size_t)shared_bytes));
   *blocks = resident[key] = processors * max_of(each, 1);
   return cudaSuccess;

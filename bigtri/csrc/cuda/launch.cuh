@@ -11,6 +11,9 @@ namespace bigtri {
 // it was compiled for one, so that it waits where it has to.
 cudaError_t overlaps_launches(const void* kernel, bool* yes);
 
+// Of the current device.
+cudaError_t multiprocessors(int* count);
+
 // As many blocks of the kernel as the current device holds at once; asked for once per kernel and device.
 cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_bytes, int* blocks);
 
@@ -30,12 +33,12 @@ struct Scratch {
 // Numbers that a frame's first kernel sets to zero.
 struct Zeros {
   uint32_t* first;
-  int count;
+  int64_t count;
 
   static Zeros of(uint64_t* first, int count) { return {reinterpret_cast<uint32_t*>(first), 2 * count}; }
 
   // By thread i of n.
-  __device__ __forceinline__ void set(int i, int n) const {
+  __device__ __forceinline__ void set(int64_t i, int64_t n) const {
     for (; i < count; i += n) first[i] = 0;
   }
 };
@@ -125,7 +128,17 @@ cudaError_t launch_together(Kernel kernel, int64_t blocks, int threads, int64_t 
 // Draws one view of a frame after the other; on one stream, so that one scratch memory serves them all.
 template <class Draw>
 cudaError_t each_view(const Frame& f, const Draw& draw) {
-  for (int32_t v = 0; v < f.views; ++v) BIGTRI_CUDA(draw(view_of(f, v)));
+  for (int32_t v = 0; v < f.views; ++v) {
+    Frame one = view_of(f, v);
+    if (one.ranges) {
+      const Range range = range_of(one, 0);
+      one.triangles += 3 * range.first;
+      one.first_triangle = (int32_t)range.first;
+      one.count = (int32_t)(range.end - range.first);
+      one.ranges = nullptr;
+    }
+    BIGTRI_CUDA(draw(one));
+  }
   return cudaSuccess;
 }
 

@@ -1,4 +1,4 @@
-// What waits for the blocks that own bins: records, and for each bin a list of those that touch it. A record that
+// What waits for the blocks that own bins: records, and for each bin of each view a list of those that touch it. A record that
 // touches many bins, or finds a list full, goes to one more list, which all blocks look at for all bins: nothing is
 // lost, and a triangle that fills the screen does not take an atomic for each of its bins.
 #pragma once
@@ -14,13 +14,15 @@ constexpr int kListBytes = 32 << 20;  // of all lists together
 
 struct Waiting {
   Record* records;
-  Record* slivers;  // in no list; null if those are among the others
+  Record* slivers;  // in no list
   uint32_t room;  // of either
   // How many records have been put into each bin's list, or were to be; in front of bin 0 the other counts.
   uint32_t* sizes;
   uint32_t* slots;  // of the records in the lists, `listed` of each bin
-  uint32_t *wide_boxes, *wide_slots;  // of the records that all look at
-  int columns, bins, listed;
+  ViewBox* wide_boxes;  // of the records that all look at
+  uint32_t* wide_slots;
+  int columns, bins;  // of a view
+  int listed;
   int wide_above;  // a record with more bins in its bbox is looked at by all
   uint32_t wide_below;  // so are records in slots below
   int bands;  // in which slivers are drawn
@@ -30,7 +32,8 @@ struct Waiting {
   __device__ uint64_t* sliver_count() const { return counts() + 2; }
   __device__ uint64_t* counts() const { return reinterpret_cast<uint64_t*>(sizes - kCounts); }
   static constexpr int kCounts = 6;  // words
-  Zeros zeros() const { return {sizes - kCounts, bins + kCounts}; }
+  Zeros zeros(int views) const { return {sizes - kCounts, (int64_t)bins * views + kCounts}; }
+  __device__ __forceinline__ int64_t bin(int view, int x, int y) const { return (int64_t)view * bins + y * columns + x; }
 };
 
 Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t room) {
@@ -40,45 +43,45 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t ro
   w.room = (uint32_t)room;
   // In proportion to the queue, so that it changes both; by default 1024, and fewer where images are so large that all
   // lists together would take too much.
-  w.listed = (int)max_of<int64_t>(1, min_of<int64_t>(queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / w.bins));
+  const int64_t bins = (int64_t)w.bins * f.views;
+  w.listed = (int)max_of<int64_t>(1, min_of<int64_t>(queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / bins));
   w.wide_above = max_of(64, w.bins / 64);  // an atomic for each bin, against a look for each bin of the image
   w.records = scratch->take<Record>(room);
-  w.slivers = nullptr;
-  w.wide_below = 0;
+  w.slivers = scratch->take<Record>(room);
+  // Few large triangles among many small ones: their records are at hand sooner than lists would be.
+  w.wide_below = 64;
   w.bands = 1;
-  w.sizes = scratch->take<uint32_t>(w.bins + Waiting::kCounts) + Waiting::kCounts;
-  w.slots = scratch->take<uint32_t>((int64_t)w.bins * w.listed);
-  w.wide_boxes = scratch->take<uint32_t>(room);
+  w.sizes = scratch->take<uint32_t>(bins + Waiting::kCounts) + Waiting::kCounts;
+  w.slots = scratch->take<uint32_t>(bins * w.listed);
+  w.wide_boxes = scratch->take<ViewBox>(room);
   w.wide_slots = scratch->take<uint32_t>(room);
   return w;
 }
 
-// Puts the lanes' records, which are in their slots already, into the lists of the bins that no edge rejects; two
-// records at a time, half of the lanes each, so that a large one does not hold up a lane. By all lanes.
-__device__ __forceinline__ void put_into_lists(const Waiting& w, const Primitive& p, bool have, uint32_t slot) {
+// Puts those of a warp's records of a view that are in `which` (bit k: record k), and which wait in the lanes' slots
+// already, into the lists of the bins that no edge rejects; two records at a time, half of the lanes each, so that a
+// large one does not hold up a lane. By all lanes.
+__device__ __forceinline__ void put_into_lists(const Waiting& w, const Record* records, int32_t view, unsigned which,
+                                               uint32_t slot) {
   constexpr int kTeam = kWarp / 2;
-  const BinBox bins = bin_box(p);
-  bool wide = have && (bins.count > w.wide_above || slot < w.wide_below);
+  const bool have = which >> lane_id() & 1;
+  bool wide = have && (bin_box(records[have ? lane_id() : 0]).count > w.wide_above || slot < w.wide_below);
   for (unsigned todo = __ballot_sync(kAllLanes, have && !wide); todo;) {
     const unsigned others = todo & (todo - 1), mine = lane_id() < kTeam ? todo : others;
-    const int lane = max_of(__ffs(mine) - 1, 0);
-    const BinBox box = of_lane(bins, lane);
-    const uint32_t its = __shfl_sync(kAllLanes, slot, lane);
-    int32_t x[3], y[3];
-    for (int k = 0; k < 3; ++k) {
-      x[k] = __shfl_sync(kAllLanes, p.x[k], lane);
-      y[k] = __shfl_sync(kAllLanes, p.y[k], lane);
-    }
+    const int its_lane = max_of(__ffs(mine) - 1, 0);
+    const uint32_t its_slot = __shfl_sync(kAllLanes, slot, its_lane);
+    const Record& r = records[mine ? its_lane : __ffs(todo) - 1];
+    const BinBox box = bin_box(r);
     bool full = false;
     for (int i = mine ? lane_id() % kTeam : box.count; i < box.count; i += kTeam) {
       const int down = i / box.columns, bin_x = box.x + i - down * box.columns, bin_y = box.y + down;
       bool rejected = false;
-      for (int k = 0; k < 3; ++k) rejected |= bin_edge(edge_of(x, y, k), bin_x, bin_y).highest < 0;
+      for (int k = 0; k < 3; ++k) rejected |= bin_edge(edge_of(r.x, r.y, k), bin_x, bin_y).highest < 0;
       if (rejected) continue;
-      const int bin = bin_y * w.columns + bin_x;
+      const int64_t bin = w.bin(view, bin_x, bin_y);
       const uint32_t at = atomicAdd(&w.sizes[bin], 1u);
       if (at < (uint32_t)w.listed)
-        w.slots[(int64_t)bin * w.listed + at] = its;
+        w.slots[bin * w.listed + at] = its_slot;
       else
         full = true;
     }
@@ -89,7 +92,7 @@ __device__ __forceinline__ void put_into_lists(const Waiting& w, const Primitive
   }
   if (wide) {
     const uint32_t at = claim(w.wide_count(), w.room, 1);
-    w.wide_boxes[at] = box_of(p);
+    w.wide_boxes[at] = {box_of(records[lane_id()]), view};
     w.wide_slots[at] = slot;
   }
 }
@@ -102,14 +105,13 @@ struct ListedCandidates {
   const bool any;  // in lists
 
   __device__ ListedCandidates(const Waiting& w, bool any_listed) : records(w.records), waiting(w), any(any_listed) {}
-  __device__ __forceinline__ uint32_t box(int i) const { return waiting.wide_boxes[i]; }
+  __device__ __forceinline__ ViewBox box(int i) const { return waiting.wide_boxes[i]; }
   __device__ __forceinline__ int slot(int i) const { return (int)waiting.wide_slots[i]; }
-  __device__ __forceinline__ int bin(int x, int y) const { return y * waiting.columns + x; }
-  __device__ __forceinline__ int listed(int bin_x, int bin_y) const {
-    return !any ? 0 : (int)min_of(waiting.sizes[bin(bin_x, bin_y)], (uint32_t)waiting.listed);
+  __device__ __forceinline__ int listed(int view, int bin_x, int bin_y) const {
+    return !any ? 0 : (int)min_of(waiting.sizes[waiting.bin(view, bin_x, bin_y)], (uint32_t)waiting.listed);
   }
-  __device__ __forceinline__ int listed_slot(int bin_x, int bin_y, int i) const {
-    return (int)waiting.slots[(int64_t)bin(bin_x, bin_y) * waiting.listed + i];
+  __device__ __forceinline__ int listed_slot(int view, int bin_x, int bin_y, int i) const {
+    return (int)waiting.slots[waiting.bin(view, bin_x, bin_y) * waiting.listed + i];
   }
 };
 

@@ -14,6 +14,14 @@ namespace bigtri {
     1 << 20)
 #define BIGTRI_QUEUE_PARAMETER(X) \
   X(queue, "records", "that may wait; what finds no room is drawn on the spot, or last", 1 << 18, 1, 1 << 24)
+#define BIGTRI_ROWS_PARAMETER(X) \
+  X(rows, "px", "longest side of the bbox of a triangle that is drawn by rows at set-up; what is wider waits", 128, 0, 256)
+// kShares: of share.cuh
+#define BIGTRI_SHARE_PARAMETER(X)                                                                                    \
+  X(share, "triangles",                                                                                              \
+    "of a block that sets up; its warps draw up to 32 together, of more each draws its own; 0: so many that there are " \
+    "blocks for the device",                                                                                         \
+    0, 0, 256, kShares)
 
 // From a variant's list, X(name, unit, what it is, standard, lowest, highest[, the only ones allowed]) for each, in the
 // variant's namespace: the parameters, and their values by name.

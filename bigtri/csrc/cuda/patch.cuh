@@ -18,12 +18,20 @@ __device__ __forceinline__ uint32_t box_of(const Boxed& r) {
          (uint32_t)((r.y1 - 1) / kBin) << 24;
 }
 constexpr uint32_t kNoBox = 0x000000ff;  // first column after the last: in no bin
-__device__ __forceinline__ bool in_box(uint32_t box, int bin_x, int bin_y) {
+// The same of one of several views.
+struct ViewBox {
+  uint32_t box;
+  int32_t view;
+};
+__device__ __forceinline__ bool in_box(uint32_t box, int, int bin_x, int bin_y) {
   return bin_x >= (int)(box & 0xff) && bin_y >= (int)(box >> 8 & 0xff) && bin_x <= (int)(box >> 16 & 0xff) &&
          bin_y <= (int)(box >> 24);
 }
+__device__ __forceinline__ bool in_box(const ViewBox& box, int view, int bin_x, int bin_y) {
+  return box.view == view && in_box(box.box, view, bin_x, bin_y);
+}
 
-// Records one after the other.
+// Records one after the other, of a frame with one view.
 struct Candidates {
   static constexpr bool kLists = false;
   const Record* records;
@@ -86,6 +94,7 @@ struct PatchShared {
   // thread to the first, since else the compiler keeps an address.
   int32_t cursor[kThreads];
   Patch<kWarps> patch[kTurn];
+  int view[kTurn];  // of each patch
   int entry_count;  // asked for
   int count;  // candidates that all patches look at
   int listed[kTurn];  // candidates of each patch besides, in its bin's list
@@ -98,7 +107,6 @@ struct PatchShared {
   unsigned touched;  // bits of the patches that have a candidate, where these are many
   bool drawn;  // the frame holds what has been drawn before
   bool resumed;  // the patches have been drawn once
-  int cleared;  // the first patches of the turn, which hold the background already
 
   // By one thread; a barrier has to follow.
   __device__ __forceinline__ void begin(int candidates, bool on_what_is_there) {
@@ -165,20 +173,27 @@ __device__ __forceinline__ Region region_of(const Patch<kWarps>& p) {
 
 // The block's turn that begins with patch number `first`. By all threads, of which the last warp's do it, for others
 // may have more to do; a barrier has to follow.
-template <int kWarps>
-__device__ __forceinline__ void begin_turn(const Frame& f, int first, int cleared = 0) {
+template <int kWarps, bool kViews>
+__device__ __forceinline__ void begin_turn(const Frame& f, int first) {
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   const int k = (int)this_thread() - (kWarps - 1) * kWarp;
-  if (k >= 0 && k < kTurn) s->patch[k] = Patch<kWarps>::at(f.view, first + k * (int)gridDim.x);
+  if (k >= 0 && k < kTurn) {
+    int i = first + k * (int)gridDim.x;
+    if (kViews) {
+      const int of_view = Patch<kWarps>::count(f.view);
+      s->view[k] = min_of(i / of_view, f.views - 1);
+      i -= s->view[k] * of_view;
+    }
+    s->patch[k] = Patch<kWarps>::at(f.view, i);
+  }
   if (k == 0) {
-    const int count = Patch<kWarps>::count(f.view), turn = kTurn * (int)gridDim.x;
+    const int count = Patch<kWarps>::count(f.view) * (kViews ? f.views : 1), turn = kTurn * (int)gridDim.x;
     s->next_turn = first + turn;
     s->last_turn = s->next_turn >= count;
     s->patches = s->last_turn ? (count - first + (int)gridDim.x - 1) / (int)gridDim.x : kTurn;
     s->entry_count = 0;
     s->touched = 0;
     s->resumed = false;
-    s->cleared = cleared;
   }
 }
 
@@ -189,7 +204,7 @@ __device__ __forceinline__ int find_box(const Candidates& candidates, int i, int
   constexpr int kAtOnce = 4;
   if (kLists)
     for (; i + (kAtOnce - 1) * step < count; i += kAtOnce * step) {
-      uint32_t box[kAtOnce];
+      decltype(candidates.box(0)) box[kAtOnce];
       for (int k = 0; k < kAtOnce; ++k) box[k] = candidates.box(i + k * step);
       for (int k = 0; k < kAtOnce; ++k)
         if (use(box[k])) return i + k * step;
@@ -211,18 +226,18 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
   const int each = kThreads >> s->together_bits,
             local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
   Patch<kWarps>& patch = s->patch[group + local];
-  const int left = patch.left, top = patch.top;
+  const int left = patch.left, top = patch.top, view = kLists ? s->view[group + local] : 0;
   // The patch's candidates: first those in the list of its bin, then those of all bins.
   const int listed = kLists ? s->listed[group + local] : 0, count = listed + s->count;
   // This thread's next candidate in the bin of its patch, from i on.
   const auto next = [&](int i) {
     if (kLists && i < listed) return i;
     return listed + find_box<kLists>(candidates, i - listed, each, count - listed,
-                                     [&](uint32_t box) { return in_box(box, left >> kBinBits, top >> kBinBits); });
+                                     [&](auto box) { return in_box(box, view, left >> kBinBits, top >> kBinBits); });
   };
   const auto slot_of = [&](int i) {
     if constexpr (kLists)
-      if (i < listed) return candidates.listed_slot(left >> kBinBits, top >> kBinBits, i);
+      if (i < listed) return candidates.listed_slot(view, left >> kBinBits, top >> kBinBits, i);
     return candidates.slot(i - listed);
   };
   int i = s->resumed ? s->cursor[kThreads - 1 - this_thread()] : next((int)(this_thread() & (each - 1)));
@@ -260,7 +275,8 @@ __device__ __forceinline__ void measure_lists(const Candidates& candidates) {
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   const int k = (int)this_thread();
   if (k < kWarp) {
-    if (k < kTurn) s->listed[k] = k < s->patches ? candidates.listed(s->patch[k].bin_x(), s->patch[k].bin_y()) : 0;
+    if (k < kTurn)
+      s->listed[k] = k < s->patches ? candidates.listed(s->view[k], s->patch[k].bin_x(), s->patch[k].bin_y()) : 0;
     __syncwarp();
     if (k == 0) {
       int most = 0;
@@ -279,28 +295,21 @@ __device__ __forceinline__ void find_touched(const Candidates& candidates) {
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   unsigned touched = 0;
   if (this_thread() < kTurn && s->listed[this_thread()] > 0) touched = 1u << this_thread();
-  find_box<true>(candidates, (int)this_thread(), kThreads, s->count, [&](uint32_t box) {
+  find_box<true>(candidates, (int)this_thread(), kThreads, s->count, [&](auto box) {
 #pragma unroll
-    for (int k = 0; k < kTurn; ++k) touched |= in_box(box, s->patch[k].bin_x(), s->patch[k].bin_y()) ? 1u << k : 0;
+    for (int k = 0; k < kTurn; ++k)
+      touched |= in_box(box, s->view[k], s->patch[k].bin_x(), s->patch[k].bin_y()) ? 1u << k : 0;
     return false;
   });
   if (touched) atomicOr(&s->touched, touched);
   __syncthreads();
 }
 
-// The warp's region of a patch that nothing touches: the background.
-template <int kWarps>
-__device__ __forceinline__ void draw_background(const Frame& f, const Patch<kWarps>& patch) {
-  Region region = region_of(patch);
-  region.clear();
-  region.store(f);
-}
-
-// Draws what is in the list into a region of the image. empty: nothing has been drawn there yet, or what is drawn is
+// Draws what is in the list into a region of a view. empty: nothing has been drawn there yet, or what is drawn is
 // merged.
 template <Output kOutput>
-__device__ __forceinline__ void draw_region(const Frame& f, Region& region, const Entry* entries, const uint16_t* list,
-                                            int count, bool empty, const Record* records) {
+__device__ __forceinline__ void draw_region(const Frame& f, int view, Region& region, const Entry* entries,
+                                            const uint16_t* list, int count, bool empty, const Record* records) {
   if (kOutput == Output::kWrite && count == 0) {
     region.clear();
     region.store(f);
@@ -315,20 +324,22 @@ __device__ __forceinline__ void draw_region(const Frame& f, Region& region, cons
     if (kOutput == Output::kWrite)
       region.store(f);
     else
-      region.merge(f);
+      region.merge(f, view);
   }
 }
 
 // Draws the patches that are this block's, by all of its threads. What can be seen gathers in shared memory; then each
 // warp draws its region of each patch, the pixels in registers, mostly once. If more gathers than there is room for,
 // the patches are drawn several times, each time from what the last one left. Before: begin_turn(f, blockIdx.x),
-// PatchShared::begin, a barrier. Candidates: const Record* records; of those that all patches look at uint32_t box(int
-// i), int slot(int i); kLists: there can be more of them than half as many as threads, and there are lists for each bin
-// besides, int listed(int bin_x, int bin_y), int listed_slot(int bin_x, int bin_y, int i).
-template <int kWarps, Output kOutput, class Candidates>
+// PatchShared::begin, a barrier. Candidates: const Record* records; of those that all patches look at box(int i), for
+// in_box, and int slot(int i); kLists: there can be more of them than half as many as threads, there are lists for each
+// bin besides, int listed(int view, int bin_x, int bin_y), int listed_slot(int view, int bin_x, int bin_y, int i), and
+// the frame may have several views. What comes from lists is merged into the frame, the rest is written.
+template <int kWarps, class Candidates>
 __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& candidates, int room) {
   constexpr int kThreads = kWarps * kWarp;
   constexpr bool kLists = Candidates::kLists;
+  constexpr Output kOutput = kLists ? Output::kMerge : Output::kWrite;
   PatchShared<kWarps>* const s = patch_shared<kWarps>();
   room = min_of(room, PatchShared<kWarps>::kMaxEntries);
   for (;;) {
@@ -338,8 +349,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
     }
     for (int group = 0;;) {
       if (kLists && reread(s->together_bits) == 0)  // then a group is one patch
-        for (; group < s->patches && !(s->touched >> group & 1); ++group)
-          if (kOutput == Output::kWrite && !s->drawn && group >= s->cleared) draw_background(f, s->patch[group]);
+        while (group < s->patches && !(s->touched >> group & 1)) ++group;
       if (group >= reread(s->patches)) break;
       gather<kWarps>(candidates, group, room);
       const int together_bits = s->together_bits;
@@ -347,11 +357,12 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
 #pragma unroll 1
       for (int k = 0; k < min_of(1 << together_bits, s->patches - group); ++k) {
         const Patch<kWarps> patch = s->patch[group + k];
-        if (patch.waiting == 0 && (kOutput == Output::kMerge || again || (kLists && group + k < s->cleared))) continue;
+        if (patch.waiting == 0 && (kOutput == Output::kMerge || again)) continue;
         const uint16_t* const list = s->list + k * (kThreads >> together_bits);
         const bool empty = kOutput == Output::kMerge || !again;
         Region region = region_of(patch);
-        draw_region<kOutput>(f, region, s->entries, list, patch.waiting, empty, candidates.records);
+        draw_region<kOutput>(f, kLists ? s->view[group + k] : 0, region, s->entries, list, patch.waiting, empty,
+                             candidates.records);
       }
       const bool finished = reread(s->entry_count) <= room;
       group += finished ? 1 << together_bits : 0;
@@ -367,7 +378,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
     if (reread(s->last_turn)) return;
     const int next = reread(s->next_turn);
     __syncthreads();  // nobody looks at the patches of this turn any more
-    begin_turn<kWarps>(f, next);
+    begin_turn<kWarps, kLists>(f, next);
     __syncthreads();
   }
 }

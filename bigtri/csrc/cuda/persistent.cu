@@ -4,6 +4,7 @@
 // triangles than there is room for records take several passes, each going on from the frame that the last one left.
 
 #include "depth_image.h"
+#include "clip.cuh"
 #include "direct.cuh"
 #include "launch.cuh"
 #include "parameters.h"
@@ -103,7 +104,7 @@ __device__ __forceinline__ void queue_records(const Job& j, bool have, uint32_t 
 // Of a warp: one may still clip while another draws.
 union WarpOwn {
   ClipScratch clip;
-  Record record;
+  Record record[kWarp];
   __device__ WarpOwn() {}
 };
 
@@ -124,15 +125,15 @@ __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int coun
   for (int first = (blockIdx.x * kWarps + warp) * kWarp; first < count; first += gridDim.x * kThreads) {
     const int slot = first + lane_id();
     Primitive p;
-    const Fate fate = slot < count ? set_up(f, (int32_t)(base + slot), nullptr, &p) : Fate::kNothing;
-    if (fate == Fate::kWhole) fill_record(p, base + slot, &j.records[slot]);
+    const Fate fate = slot < count ? set_up(f, (int32_t)(base + slot), &p) : Fate::kNothing;
+    if (fate == Fate::kWhole) fill_record(p, f.first_triangle + base + slot, &j.records[slot]);
     if (slot < count) j.valid[slot] = fate == Fate::kWhole;
     __syncwarp();
     queue_records(j, fate == Fate::kWhole, (uint32_t)slot);
     for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
       const int32_t triangle = (int32_t)(base + first + __ffs(todo) - 1);
       Primitive part;
-      const bool have = clip_part(f, triangle, &s->warp[warp].clip, &part);
+      const bool have = clip_part(f, 0, triangle, &s->warp[warp].clip, &part);
       const unsigned all = __ballot_sync(kAllLanes, have);
       uint32_t at = 0;
       if (lane_id() == 0) at = atomicAdd(&j.counters->parts, (uint32_t)__popc(all));
@@ -145,7 +146,7 @@ __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int coun
       }
       const uint32_t its = (uint32_t)j.pass + at + __popc(all & lanes_below());
       if (have) {
-        fill_record(part, triangle, &j.records[its]);
+        fill_record(part, f.first_triangle + triangle, &j.records[its]);
         j.valid[its] = 1;
       }
       __syncwarp();
@@ -233,10 +234,12 @@ __device__ void draw_deferred(const Frame& f, const Job& j, int count, Shared* s
   const int warp = threadIdx.x / kWarp;
   for (int i = blockIdx.x * kWarps + warp; i < count; i += gridDim.x * kWarps) {
     Primitive part;
-    const bool have = clip_part(f, j.deferred[i], &s->warp[warp].clip, &part);
-    Record record;
-    if (have) fill_record(part, j.deferred[i], &record);
-    draw_now(f, record, have, &s->warp[warp].record);
+    const bool have = clip_part(f, 0, j.deferred[i], &s->warp[warp].clip, &part);
+    __syncwarp();
+    if (have) fill_record(part, f.first_triangle + j.deferred[i], &s->warp[warp].record[lane_id()]);
+    __syncwarp();
+    draw_now(f.packed, f.view.width, s->warp[warp].record, __ballot_sync(kAllLanes, have));
+    __syncwarp();
   }
 }
 

@@ -17,19 +17,12 @@ __device__ __forceinline__ void store_pair(int64_t* to, int64_t a, int64_t b) {
   asm volatile("st.global.cs.v2.s64 [%0], {%1, %2};" ::"l"(to), "l"(a), "l"(b) : "memory");
 }
 
-// The same number, which the compiler can compute nothing from before this place: what would wait in a register, or out
-// of one, while a region is drawn.
-__device__ __forceinline__ int computed_here(int v) {
-  asm volatile("" : "+r"(v));
-  return v;
-}
-
 // Whether two pixels can be stored at once wherever x is even.
 __device__ __forceinline__ bool wide_rows(const Frame& f) {
   return ((computed_here(f.view.width) & 1) | (computed_here((int)(uintptr_t)f.packed) & 15)) == 0;
 }
 
-// A pixel's place in the image: below 2^28, and 2^29 for those beyond its edges.
+// A pixel's place in its view: below 2^28, and 2^29 for those beyond its edges.
 __device__ __forceinline__ uint32_t offset_of(const Frame& f, int x, int y) { return (uint32_t)(y * f.view.width + x); }
 
 // A lane's pixels, and drawing into them.
@@ -137,7 +130,7 @@ struct Region {
     }
   }
 
-  // Calls use(index in best, offset in the image) for the lane's pixels on the screen.
+  // Calls use(index in best, offset in the view) for the lane's pixels on the screen.
   template <class Use>
   __device__ __forceinline__ void each(const Frame& f, const Use& use) const {
     const int px = computed_here(lane_left()), first = computed_here(lane_top());
@@ -182,10 +175,11 @@ struct Region {
     if (f.depth) each(f, [&](int n, uint32_t at) { __stcs(f.depth + at, depth_of(best[n])); });
   }
 
-  // Where others draw at the same time.
-  __device__ __forceinline__ void merge(const Frame& f) const {
+  // Where others draw at the same time, in one of several views.
+  __device__ __forceinline__ void merge(const Frame& f, int view) const {
+    int64_t* const to = pixels_of(f, view);
     each(f, [&](int n, uint32_t at) {
-      if (best[n] != kBackground) keep_nearest(f.packed + at, best[n], false);
+      if (best[n] != kBackground) keep_nearest(to + at, best[n], false);
     });
   }
 };

@@ -12,9 +12,9 @@ namespace {
 constexpr int kSliverLines = 64;  // px; shorter ones are not worth the trouble
 constexpr int kSliverWidth = 4;  // px, on average, at most
 
-__device__ __forceinline__ bool is_sliver(const Primitive& p) {
-  return max_of(p.x1 - p.x0, p.y1 - p.y0) >= kSliverLines &&
-         p.area <= (int64_t)(2 * kSliverWidth * kSubpixel) * extent_of(p);
+__device__ __forceinline__ bool is_sliver(const Record& r) {
+  return max_of(r.x1 - r.x0, r.y1 - r.y0) >= kSliverLines &&
+         r.area.value <= (double)(2 * kSliverWidth * kSubpixel) * max_of(extent(r.x), extent(r.y));
 }
 
 // A block draws a sliver over so many cells along it. At each of these it meets at most so many rows of cells across,
@@ -64,6 +64,8 @@ struct Lines {
 // the cache, but not all of it. The lower one comes first, for it is what has been written last. Four fifths of the
 // cache count as the image's: records pass through it too. cache: its bytes; 0: what the device says.
 inline cudaError_t sliver_bands(const Frame& f, int64_t cache, int* bands) {
+  *bands = 1;
+  if (f.views > 1) return cudaSuccess;
   if (cache == 0) {
     int device, bytes;
     BIGTRI_CUDA(cudaGetDevice(&device));
@@ -71,7 +73,7 @@ inline cudaError_t sliver_bands(const Frame& f, int64_t cache, int* bands) {
     cache = bytes;
   }
   const int64_t bytes = (int64_t)f.view.width * f.view.height * (int64_t)sizeof(int64_t), held = cache / 5 * 4;
-  *bands = bytes > held && bytes <= 2 * held ? 2 : 1;
+  if (bytes > held && bytes <= 2 * held) *bands = 2;
   return cudaSuccess;
 }
 
@@ -92,30 +94,6 @@ __device__ __forceinline__ void prefetch(const Record* record) {
   asm volatile("prefetch.global.L1 [%0];" ::"l"(__cvta_generic_to_global(from)));
   from += sizeof(Record) - 1;  // it may lie in two lines
   asm volatile("prefetch.global.L1 [%0];" ::"l"(__cvta_generic_to_global(from)));
-}
-
-// Pixels `from` to `last` of a line, each with a test and a plane of its own: for the ends of slivers, and for odd
-// ones.
-__device__ __noinline__ void draw_sliver_line(const Frame& f, const Record* record, bool columns, int line, int from,
-                                              int last) {
-  const Record& r = *record;
-#pragma unroll 1
-  for (int m = from; m <= last; ++m) {
-    const int px = columns ? line : m, py = columns ? m : line;
-    int64_t outside = 0;
-    for (int k = 0; k < 3; ++k) outside |= edge_steps(edge_of(r.x, r.y, k), px, py);
-    if (outside < 0) continue;
-    float depth;
-    if (r.flags & kRecordThin) {
-      depth = thin_depth(record, px, py);
-    } else {
-      const CellPlane plane = cell_plane(r, px / kBin, py / kBin);
-      depth = finish_depth(
-          plane_row<double>(plane.zcell, plane.dzdy, py % kBin) + plane_column<double>(plane.dzdx, px % kBin), r.zmin,
-          r.zmax);
-    }
-    keep_nearest(f.packed + (uint32_t)(py * f.view.width + px), pack_fragment(depth, r.triangle), false);
-  }
 }
 
 // A sliver's lines in one chunk and band of rows of the image: whatever is rounded here, all bands together have all
@@ -211,7 +189,7 @@ struct SliverLines {
     const double dzdx = r.dzdx, dzdy = r.dzdy;
     const float zmin = r.zmin, zmax = r.zmax;
     const uint32_t triangle = r.triangle;
-    int64_t* const packed = f.packed;
+    int64_t* const packed = pixels_of(f, r.view);
     const int width = f.view.width;
     uint32_t odd = 0;
 #pragma unroll 1
@@ -248,7 +226,9 @@ struct SliverLines {
       const int n = (__ffs(odd) - 1) * (int)blockDim.x + (int)threadIdx.x;
       int from, last;
       span(n, &from, &last);
-      draw_sliver_line(f, &r, kColumns, begin + n, low + from, low + last);
+      const int line = begin + n, first = low + from, px = kColumns ? line : first, py = kColumns ? first : line;
+      draw_tested(pixels_of(f, r.view) + (uint32_t)(py * f.view.width + px), kColumns ? f.view.width : 1, r, px, py,
+                  !kColumns, last - from + 1);
     }
   }
 };

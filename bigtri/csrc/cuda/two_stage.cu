@@ -6,7 +6,7 @@
 #include "depth_image.h"
 #include "direct.cuh"
 #include "parameters.h"
-#include "small.cuh"
+#include "share.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -15,7 +15,8 @@ namespace {
 #define BIGTRI_LIST(X)       \
   BIGTRI_BLOCKS_PARAMETER(X) \
   BIGTRI_QUEUE_PARAMETER(X)  \
-  X(threshold, "px", "of bbox above which a record waits; small whole triangles never do", 0, 0, INT64_MAX)
+  BIGTRI_ROWS_PARAMETER(X)   \
+  BIGTRI_SHARE_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 enum Counter { kRecordCount, kPairCount, kNextPair, kCounters };
@@ -63,32 +64,25 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, cons
     if (kept && room) q.pairs[at] = {slot, (uint16_t)x, (uint16_t)y};
     for (unsigned todo = __ballot_sync(kAllLanes, kept && !room); todo; todo &= todo - 1) {
       const int lane = __ffs(todo) - 1;
-      warp_draw_bin(f, r, __shfl_sync(kAllLanes, x, lane), __shfl_sync(kAllLanes, y, lane));
+      warp_draw_bin(f.packed, f.view.width, r, __shfl_sync(kAllLanes, x, lane), __shfl_sync(kAllLanes, y, lane));
     }
   }
 }
 
-// Large primitives to the queue, a record at a time with all lanes, so that a huge one holds up no lane; others are
-// drawn.
-__device__ __noinline__ void pair_or_draw(const Frame& f, const Queue& q, int64_t threshold, Primitive p,
-                                          int64_t triangle, bool have, Record* shared) {
-  Record record;
-  if (have) fill_record(p, triangle, &record, threshold);
-  for (unsigned todo = __ballot_sync(kAllLanes, have); todo; todo &= todo - 1) {
-    const int lane = __ffs(todo) - 1;
-    uint32_t slot = q.record_room;
-    __syncwarp();
-    if (lane_id() == lane) {
-      *shared = record;
-      if (record.flags & kRecordLarge) slot = claim(&q.counters[kRecordCount], q.record_room, 1);
-      if (slot < q.record_room) q.records[slot] = record;
+// A warp's records to the queue, one at a time with all lanes, so that a huge one holds up no lane; what finds no room
+// is drawn.
+__device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, const Record* records, unsigned which) {
+  uint32_t first = 0;
+  if (lane_id() == 0) first = claim(&q.counters[kRecordCount], q.record_room, (uint32_t)__popc(which));
+  first = __shfl_sync(kAllLanes, first, 0);
+  for (uint32_t slot = first; which; ++slot, which &= which - 1) {
+    const int i = __ffs(which) - 1;
+    if (slot < q.record_room) {
+      copy_record(q.records + slot, records[i]);
+      queue_pairs(f, q, records[i], slot);
+    } else {
+      warp_draw(f.packed, f.view.width, records[i]);
     }
-    __syncwarp();
-    slot = __shfl_sync(kAllLanes, slot, lane);
-    if (slot < q.record_room)
-      queue_pairs(f, q, *shared, slot);
-    else
-      warp_draw(f, *shared);
   }
   __syncwarp();
 }
@@ -96,13 +90,12 @@ __device__ __noinline__ void pair_or_draw(const Frame& f, const Queue& q, int64_
 constexpr int kThreads = 256;
 
 __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
-    set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ Queue q, int64_t threshold, int share) {
-  __shared__ WarpShared shared[kShareThreads / kWarp];
+    set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ Queue q, const __grid_constant__ Sharing s,
+                       int widest) {
+  __shared__ ShareShared shared;
   let_next_begin();
-  wait_for_previous();
-  set_up_share(f, q.projected, share, shared, [&](const Primitive& p, int64_t triangle, bool have, Record* record) {
-    pair_or_draw(f, q, threshold, p, triangle, have, record);
-  });
+  draw_share(f, s, q.projected, widest, &shared,
+             [&](int32_t, const Record* records, unsigned which) { queue_or_draw(f, q, records, which); });
 }
 
 __global__ void __launch_bounds__(kThreads)
@@ -116,7 +109,7 @@ __global__ void __launch_bounds__(kThreads)
     i = __shfl_sync(kAllLanes, i, 0);
     if (i >= count) return;
     const Pair pair = q.pairs[i];
-    warp_draw_bin(f, q.records[pair.record], pair.bin_x, pair.bin_y);
+    warp_draw_bin(f.packed, f.view.width, q.records[pair.record], pair.bin_x, pair.bin_y);
   }
 }
 
@@ -125,10 +118,11 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
   const Queue q = take_queue(&scratch, f, v);
   BIGTRI_CUDA(launch_clear(f, q.projected, Zeros::of(q.counters, kCounters), stream));
   if (f.count > 0) {
-    int share, blocks;
+    Sharing sharing;
+    int blocks;
     int64_t set_up_blocks;
-    BIGTRI_CUDA(share_triangles(set_up_and_enqueue, kShareThreads, f.count, &share, &set_up_blocks));
-    BIGTRI_CUDA(launch_next(set_up_and_enqueue, set_up_blocks, kShareThreads, 0, stream, f, q, v.threshold, share));
+    BIGTRI_CUDA(share_triangles(set_up_and_enqueue, f, v.share, &sharing, &set_up_blocks));
+    BIGTRI_CUDA(launch_next(set_up_and_enqueue, set_up_blocks, kShareThreads, 0, stream, f, q, sharing, (int)v.rows));
     BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, v.blocks, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
   }

@@ -1,0 +1,216 @@
+// Drawing by rows, with atomic minima on a cleared image: what most triangles of a mesh are drawn by. A lane takes a
+// row of any of up to 32 triangles, cut at the borders of 64 px cells, and finds the span of pixels that it covers;
+// then the pixels of 32 rows are one sequence, which the lanes draw 32 at a time. So a lane has work whatever the
+// triangles' shapes are, and neighbours in a row, which share sectors of 32 bytes, go in one instruction.
+#pragma once
+
+#include "fragment.cuh"
+#include "launch.cuh"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+namespace {
+
+// A triangle that is drawn by rows.
+struct RowTriangle {
+  double zcell, dzdx, dzdy;  // depth plane in the cell that the bbox begins in
+  float zmin, zmax;
+  uint32_t triangle;
+  uint32_t corner, size;  // of the bbox, px: x | y << 16
+  int32_t f[3], sx[3], sy[3];  // of each edge at the bbox's first pixel, and its steps
+  // For the planes of other cells that the bbox reaches into; not set where there are none.
+  float z[3];
+  int64_t value[3];  // of each edge where zcell is
+  Divisor area;
+};
+
+// What the pixels of a row have in common.
+struct alignas(16) Row {
+  double z, dzdx;  // plane at the first pixel of the cell's row, and its change per px
+  float zmin, zmax;
+  uint32_t triangle;
+  uint32_t at;  // the cell's first pixel in this row, in the image
+};
+
+// Shared memory of a warp that draws rows: of 32 rows those that have pixels, one after the other.
+struct RowShared {
+  int32_t begin[kWarp];  // of each triangle, its first row
+  Row row[kWarp];
+  int32_t shift[kWarp];  // from the number of a pixel in the sequence to its column in the cell
+};
+
+// What is drawn by rows has no side longer than `widest` px, at most kWidestRows, and the triangle itself, of which the
+// screen may have left only a corner, none longer than kRowExtent. So f is below 2^28 over the bbox, and fits int32.
+constexpr int kWidestRows = 256;
+constexpr int32_t kRowExtent = 512 * kSubpixel;
+
+__device__ __forceinline__ bool fits_rows(const Primitive& p, int widest) {
+  return p.x1 - p.x0 <= widest && p.y1 - p.y0 <= widest && extent_of(p) <= kRowExtent && !is_thin(p.x, p.y, p.area);
+}
+
+__device__ __forceinline__ void make_row_triangle(const Primitive& p, uint32_t triangle, RowTriangle* r) {
+  const Divisor area = divisor((double)p.area);
+  const DepthGradient gradient = depth_gradient(p.x, p.y, p.z, area);
+  const int left = p.x0 & -kBin, top = p.y0 & -kBin;
+  int64_t value[3];
+  double g[3];
+#pragma unroll
+  for (int k = 0; k < 3; ++k) {
+    const Edge e = edge_of(p.x, p.y, k);
+    value[k] = edge_value(e, pixel_centre(left), pixel_centre(top));
+    g[k] = (double)value[k];
+    r->f[k] = (int32_t)steps_of(value[k], e) - e.dy * (p.x0 - left) + e.dx * (p.y0 - top);
+    r->sx[k] = -e.dy;
+    r->sy[k] = e.dx;
+  }
+  r->zcell = weighted_depth<double, double, double>(g[0], g[1], g[2], p.z[0], p.z[1], p.z[2], area);
+  r->dzdx = gradient.dzdx;
+  r->dzdy = gradient.dzdy;
+  r->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
+  r->zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
+  r->triangle = triangle;
+  r->corner = (uint32_t)p.x0 | (uint32_t)p.y0 << 16;
+  r->size = (uint32_t)(p.x1 - p.x0) | (uint32_t)(p.y1 - p.y0) << 16;
+  if (p.x1 - left > kBin || p.y1 - top > kBin) {
+    for (int k = 0; k < 3; ++k) {
+      r->z[k] = p.z[k];
+      r->value[k] = value[k];
+    }
+    r->area = area;
+  }
+}
+
+// zcell of the cell so many cells to the right of the first one, and below it.
+__device__ __forceinline__ double zcell_beside(const RowTriangle& r, int right, int below) {
+  constexpr int kStep = kBin * kSubpixel;
+  double g[3];
+#pragma unroll
+  for (int k = 0; k < 3; ++k)
+    g[k] = (double)(r.value[k] + (int64_t)kStep * right * r.sx[k] + (int64_t)kStep * below * r.sy[k]);
+  return weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], r.area);
+}
+
+// Intervals that follow each other, one of each lane in `have`, beginning at `begin`: which of them holds position
+// first + lane, counted over the lanes in `have`; for positions below the end of the last one. By all lanes.
+__device__ __forceinline__ int interval_at(int first, int begin, bool have, unsigned lanes_to_here) {
+  const int at = begin - first;
+  const unsigned begins = warp_or(have && (unsigned)at < kWarp ? 1u << at : 0),
+                 earlier = __ballot_sync(kAllLanes, have && at < 0);
+  return __popc(earlier) + __popc(begins & lanes_to_here) - 1;
+}
+
+// Pixels [lower, upper) of a row of a triangle, px from the bbox's left border.
+struct RowSpan {
+  int lower, upper;
+};
+
+// 1 / v, off by 2^-23 of it at most; infinite for 0.
+__device__ __forceinline__ float near_inverse(float v) {
+  float inverse;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(v));
+  return inverse;
+}
+
+// Cuts the span to the pixels i with f + step * i >= 0. The float32 quotient is off by less than 1/2 wherever the edge
+// crosses the row, so one test in integers settles on which side of the crossing the nearest pixel lies.
+__device__ __forceinline__ void cut_row(int32_t f, int32_t step, RowSpan* span) {
+  // With a step of 0 the quotient is infinite, or a NaN where f is 0, which fmaxf makes 0.
+  const float crossing = fminf(fmaxf((float)-f * near_inverse((float)step), 0.0f), (float)kWidestRows);
+  const int nearest = __float2int_rn(crossing);
+  const int inside = f + step * nearest >= 0 ? 1 : 0;
+  if (step >= 0)
+    span->lower = max_of(span->lower, nearest + 1 - inside);
+  else
+    span->upper = min_of(span->upper, nearest + inside);
+}
+
+// Draws pixels first, first + 1, ... of the `count` pixels of the rows in s->row, of which each lane in `have` has one,
+// beginning at pixel `begin`: kGroups for each lane, so that one does not wait for the other. By all lanes.
+template <int kGroups>
+__device__ __forceinline__ void draw_pixels(int64_t* pixels, int first, int count, int begin, bool have, int lane,
+                                            unsigned lanes_to_here, const RowShared* s) {
+  int owner[kGroups];
+#pragma unroll
+  for (int g = 0; g < kGroups; ++g) owner[g] = interval_at(first + g * kWarp, begin, have, lanes_to_here);
+  uint32_t at[kGroups];
+  int64_t packed[kGroups];
+  bool seen[kGroups];
+#pragma unroll
+  for (int g = 0; g < kGroups; ++g) {
+    const int n = first + g * kWarp + lane;
+    const Row row = s->row[owner[g]];
+    const int i = n + s->shift[owner[g]];
+    const double z = row.z + plane_column<double>(row.dzdx, exact_double(i));
+    const float depth = finish_depth(z, row.zmin, row.zmax);
+    seen[g] = n < count && depth <= 1.0f;
+    packed[g] = pack_depth(depth, row.triangle);
+    at[g] = row.at + (uint32_t)i;
+  }
+#pragma unroll
+  for (int g = 0; g < kGroups; ++g)
+    if (seen[g]) keep_nearest(pixels + at[g], packed[g], false);
+}
+
+// Where the bbox reaches over several cells, each of its rows counts as 2^bits rows, one for each cell.
+__device__ __forceinline__ int cell_bits(const RowTriangle& r) {
+  const int x = (int)(r.corner & 0xffff), more = (x + (int)(r.size & 0xffff) - 1) / kBin - x / kBin;
+  return more > 0 ? 32 - __clz(more) : 0;
+}
+
+// Draws `count` triangles, at most 32, onto a view of this width that the kernels in front have cleared: rows first,
+// first + 1, ..., first + 31, and so on in steps of `step`, so that several warps can share them. By all lanes.
+__device__ __forceinline__ void draw_rows(int64_t* pixels, int width, const RowTriangle* triangles, int count,
+                                          int first, int step, RowShared* s) {
+  const int lane = computed_here(lane_id());
+  const unsigned lanes_to_here = (unsigned)computed_here((int)(2u << lane) - 1);
+  const bool have = lane < count;
+  pixels = kept(pixels);
+  int rows = 0;
+  if (have) rows = (int)(triangles[lane].size >> 16) << cell_bits(triangles[lane]);
+  const int end = warp_sum_up_to(rows), begin = end - rows, total = __shfl_sync(kAllLanes, end, kWarp - 1);
+  __syncwarp();
+  if (have) s->begin[lane] = begin;
+  __syncwarp();
+#pragma unroll 1
+  for (; first < total; first += step) {
+    const int owner = interval_at(first, begin, have, lanes_to_here);
+    RowSpan span = {0, 0};
+    Row row;
+    int shift = 0;
+    if (first + lane < total) {
+      const RowTriangle& r = triangles[owner];
+      const int bits = cell_bits(r), number = first + lane - s->begin[owner], down = number >> bits,
+                right = number & ((1 << bits) - 1);
+      const int x = (int)(r.corner & 0xffff), y = (int)(r.corner >> 16) + down, left = (x & -kBin) + right * kBin;
+      span = {max_of(left - x, 0), min_of(left + kBin - x, (int)(r.size & 0xffff))};
+#pragma unroll
+      for (int k = 0; k < 3; ++k) cut_row(r.f[k] + r.sy[k] * down, r.sx[k], &span);
+      const int below = (y >> kBinBits) - (int)(r.corner >> (16 + kBinBits));
+      const double zcell = (right | below) ? zcell_beside(r, right, below) : r.zcell;
+      row = {plane_row<double>(zcell, r.dzdy, exact_double(y & (kBin - 1))), r.dzdx, r.zmin, r.zmax, r.triangle,
+             (uint32_t)(y * width + left)};
+      shift = span.lower + x - left;
+    }
+    const int length = max_of(span.upper - span.lower, 0), sum = warp_sum_up_to(length), pixel = sum - length;
+    const bool any = length > 0;
+    const unsigned filled = __ballot_sync(kAllLanes, any);
+    if (any) {
+      const int number = __popc(filled & lanes_to_here) - 1;
+      s->row[number] = row;
+      s->shift[number] = shift - pixel;
+    }
+    __syncwarp();
+    wait_for_previous();
+    const int pixel_count = __shfl_sync(kAllLanes, sum, kWarp - 1);
+    int drawn = 0;
+#pragma unroll 1
+    for (; drawn + kWarp < pixel_count; drawn += 2 * kWarp)
+      draw_pixels<2>(pixels, drawn, pixel_count, pixel, any, lane, lanes_to_here, s);
+    if (drawn < pixel_count) draw_pixels<1>(pixels, drawn, pixel_count, pixel, any, lane, lanes_to_here, s);
+    __syncwarp();
+  }
+}
+
+}  // namespace
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri
