@@ -197,9 +197,9 @@ __device__ __forceinline__ void claim_slots(uint64_t* count, uint32_t room, unsi
 // Lets a warp's records of a view wait for a block, and draws what finds no room at once. By all lanes. Rarely called,
 // so that its registers cost the others nothing.
 __device__ __noinline__ void wait_or_draw(const Frame& f, const Waiting& w, int32_t view, const Record* records,
-                                          unsigned all) {
-  const bool sliver = (all >> lane_id() & 1) && is_sliver(records[lane_id()]);
-  const unsigned slivers = __ballot_sync(kAllLanes, sliver);
+                                          int count) {
+  const bool have = lane_id() < count, sliver = have && is_sliver(records[lane_id()]);
+  const unsigned all = __ballot_sync(kAllLanes, have), slivers = __ballot_sync(kAllLanes, sliver);
   uint32_t slot = w.room;
   claim_slots(w.count(), w.room, all & ~slivers, &slot);
   claim_slots(w.sliver_count(), w.room, slivers, &slot);
@@ -216,8 +216,8 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
     draw_by_rows(const __grid_constant__ Frame f, const __grid_constant__ Rows r) {
   __shared__ ShareShared shared;
   let_next_begin();
-  draw_share(f, r.sharing, r.projected, r.widest, &shared, [&](int32_t view, const Record* records, unsigned which) {
-    wait_or_draw(f, r.waiting, view, records, which);
+  draw_share(f, r.sharing, r.projected, r.widest, &shared, [&](int32_t view, const Record* records, int count) {
+    wait_or_draw(f, r.waiting, view, records, count);
   });
 }
 

@@ -16,12 +16,19 @@ struct RowTriangle {
   double zcell, dzdx, dzdy;  // depth plane in the cell that the bbox begins in
   float zmin, zmax;
   uint32_t triangle;
-  uint32_t corner, size;  // of the bbox, px: x | y << 16
+  uint32_t corner;  // of the bbox, px: x | y << 16
+  uint32_t size;    // of the bbox, px: columns | thin << 15 | rows << 16
   int32_t f[3], sx[3], sy[3];  // of each edge at the bbox's first pixel, and its steps
-  // For the planes of other cells that the bbox reaches into; not set where there are none.
+  // For depth elsewhere than in that cell, and of thin triangles; else not set.
   float z[3];
-  int64_t value[3];  // of each edge where zcell is
+  int64_t value[3];  // of each edge at the cell's first pixel
   Divisor area;
+
+  __device__ __forceinline__ int x() const { return (int)(corner & 0xffff); }
+  __device__ __forceinline__ int y() const { return (int)(corner >> 16); }
+  __device__ __forceinline__ int columns() const { return (int)(size & 0x7fff); }
+  __device__ __forceinline__ bool thin() const { return size & 0x8000; }
+  __device__ __forceinline__ int rows() const { return (int)(size >> 16); }
 };
 
 // What the pixels of a row have in common.
@@ -45,7 +52,7 @@ constexpr int kWidestRows = 256;
 constexpr int32_t kRowExtent = 512 * kSubpixel;
 
 __device__ __forceinline__ bool fits_rows(const Primitive& p, int widest) {
-  return p.x1 - p.x0 <= widest && p.y1 - p.y0 <= widest && extent_of(p) <= kRowExtent && !is_thin(p.x, p.y, p.area);
+  return p.x1 - p.x0 <= widest && p.y1 - p.y0 <= widest && extent_of(p) <= kRowExtent;
 }
 
 __device__ __forceinline__ void make_row_triangle(const Primitive& p, uint32_t triangle, RowTriangle* r) {
@@ -70,8 +77,9 @@ __device__ __forceinline__ void make_row_triangle(const Primitive& p, uint32_t t
   r->zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
   r->triangle = triangle;
   r->corner = (uint32_t)p.x0 | (uint32_t)p.y0 << 16;
-  r->size = (uint32_t)(p.x1 - p.x0) | (uint32_t)(p.y1 - p.y0) << 16;
-  if (p.x1 - left > kBin || p.y1 - top > kBin) {
+  const bool thin = is_thin(p.x, p.y, p.area);
+  r->size = (uint32_t)(p.x1 - p.x0) | (thin ? 0x8000u : 0) | (uint32_t)(p.y1 - p.y0) << 16;
+  if (thin || p.x1 - left > kBin || p.y1 - top > kBin) {
     for (int k = 0; k < 3; ++k) {
       r->z[k] = p.z[k];
       r->value[k] = value[k];
@@ -80,14 +88,24 @@ __device__ __forceinline__ void make_row_triangle(const Primitive& p, uint32_t t
   }
 }
 
-// zcell of the cell so many cells to the right of the first one, and below it.
-__device__ __forceinline__ double zcell_beside(const RowTriangle& r, int right, int below) {
-  constexpr int kStep = kBin * kSubpixel;
+// depth_at() so many px to the right of the cell's first pixel, and below it: zcell of other cells, and the depth of
+// thin triangles.
+__device__ __forceinline__ double depth_beside(const RowTriangle& r, int right, int below) {
   double g[3];
 #pragma unroll
   for (int k = 0; k < 3; ++k)
-    g[k] = (double)(r.value[k] + (int64_t)kStep * right * r.sx[k] + (int64_t)kStep * below * r.sy[k]);
+    g[k] = (double)(r.value[k] + (int64_t)(kSubpixel * right) * r.sx[k] + (int64_t)(kSubpixel * below) * r.sy[k]);
   return weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], r.area);
+}
+
+// `count` pixels of a row of a thin triangle, by its lane alone: there are few. first: in the frame; right, below: of
+// it, as above.
+__device__ __noinline__ void draw_thin_row(int64_t* first, int count, const RowTriangle* r, int right, int below) {
+#pragma unroll 1
+  for (int i = 0; i < count; ++i) {
+    const float z = finish_depth(depth_beside(*r, right + i, below), r->zmin, r->zmax);
+    keep_nearest(first + i, pack_fragment(z, r->triangle), false);
+  }
 }
 
 // Intervals that follow each other, one of each lane in `have`, beginning at `begin`: which of them holds position
@@ -153,7 +171,7 @@ __device__ __forceinline__ void draw_pixels(int64_t* pixels, int first, int coun
 
 // Where the bbox reaches over several cells, each of its rows counts as 2^bits rows, one for each cell.
 __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
-  const int x = (int)(r.corner & 0xffff), more = (x + (int)(r.size & 0xffff) - 1) / kBin - x / kBin;
+  const int more = (r.x() + r.columns() - 1) / kBin - r.x() / kBin;
   return more > 0 ? 32 - __clz(more) : 0;
 }
 
@@ -166,7 +184,7 @@ __device__ __forceinline__ void draw_rows(int64_t* pixels, int width, const RowT
   const bool have = lane < count;
   pixels = kept(pixels);
   int rows = 0;
-  if (have) rows = (int)(triangles[lane].size >> 16) << cell_bits(triangles[lane]);
+  if (have) rows = triangles[lane].rows() << cell_bits(triangles[lane]);
   const int end = warp_sum_up_to(rows), begin = end - rows, total = __shfl_sync(kAllLanes, end, kWarp - 1);
   __syncwarp();
   if (have) s->begin[lane] = begin;
@@ -175,32 +193,40 @@ __device__ __forceinline__ void draw_rows(int64_t* pixels, int width, const RowT
   for (; first < total; first += step) {
     const int owner = interval_at(first, begin, have, lanes_to_here);
     RowSpan span = {0, 0};
-    Row row;
+    double z = 0.0;   // Row::z
+    uint32_t at = 0;  // Row::at
     int shift = 0;
+    int below = 0;  // of the row, px from the first cell's top
+    bool thin = false;
+    const RowTriangle& r = triangles[first + lane < total ? owner : 0];
     if (first + lane < total) {
-      const RowTriangle& r = triangles[owner];
       const int bits = cell_bits(r), number = first + lane - s->begin[owner], down = number >> bits,
                 right = number & ((1 << bits) - 1);
-      const int x = (int)(r.corner & 0xffff), y = (int)(r.corner >> 16) + down, left = (x & -kBin) + right * kBin;
-      span = {max_of(left - x, 0), min_of(left + kBin - x, (int)(r.size & 0xffff))};
+      const int x = r.x(), y = r.y() + down, left = (x & -kBin) + right * kBin;
+      span = {max_of(left - x, 0), min_of(left + kBin - x, r.columns())};
 #pragma unroll
       for (int k = 0; k < 3; ++k) cut_row(r.f[k] + r.sy[k] * down, r.sx[k], &span);
-      const int below = (y >> kBinBits) - (int)(r.corner >> (16 + kBinBits));
-      const double zcell = (right | below) ? zcell_beside(r, right, below) : r.zcell;
-      row = {plane_row<double>(zcell, r.dzdy, exact_double(y & (kBin - 1))), r.dzdx, r.zmin, r.zmax, r.triangle,
-             (uint32_t)(y * width + left)};
+      below = y - (r.y() & -kBin);
+      const double zcell =
+          (right | (below & -kBin)) ? depth_beside(r, right * kBin, below & -kBin) : r.zcell;
+      z = plane_row<double>(zcell, r.dzdy, exact_double(y & (kBin - 1)));
+      at = (uint32_t)(y * width + left);
       shift = span.lower + x - left;
+      thin = r.thin() && span.lower < span.upper;
     }
-    const int length = max_of(span.upper - span.lower, 0), sum = warp_sum_up_to(length), pixel = sum - length;
+    const int length = thin ? 0 : max_of(span.upper - span.lower, 0), sum = warp_sum_up_to(length), pixel = sum - length;
     const bool any = length > 0;
     const unsigned filled = __ballot_sync(kAllLanes, any);
     if (any) {
       const int number = __popc(filled & lanes_to_here) - 1;
-      s->row[number] = row;
+      s->row[number] = {z, r.dzdx, r.zmin, r.zmax, r.triangle, at};
       s->shift[number] = shift - pixel;
     }
     __syncwarp();
     wait_for_previous();
+    if (thin)
+      draw_thin_row(pixels + (at + (uint32_t)shift), span.upper - span.lower, &r,
+                    span.lower + (r.x() & (kBin - 1)), below);
     const int pixel_count = __shfl_sync(kAllLanes, sum, kWarp - 1);
     int drawn = 0;
 #pragma unroll 1

@@ -121,45 +121,28 @@ struct ShareShared {
 };
 static_assert(sizeof(ShareShared) <= 48 * 1024, "as much as a block can have without asking");
 
-// kEach vertices of a view, whose first vertex has number `first` of all views: all are loaded before the first is
-// used. An index that names none gives a vertex that drops its triangle. projected: the vertices of all views, or null.
-template <int kEach>
-__device__ __forceinline__ void load_corners(const Frame& f, const Vertex* projected, int64_t first,
-                                             const int32_t index[kEach], Vertex v[kEach]) {
-  bool valid[kEach];
-#pragma unroll
-  for (int k = 0; k < kEach; ++k) valid[k] = index[k] >= 0 && index[k] < f.vertices;
-  if (projected) {
-#pragma unroll
-    for (int k = 0; k < kEach; ++k) {
-      // Not __ldg: the kernel in front may still have been writing them when this one began.
-      int4 q = make_int4(0, 0, 0, (int)kNonFinite);
-      if (valid[k]) q = reinterpret_cast<const int4*>(projected)[first + index[k]];
-      v[k] = {q.x, q.y, __int_as_float(q.z), (uint32_t)q.w};
-    }
-  } else {
-    float position[kEach][4];
-#pragma unroll
-    for (int k = 0; k < kEach; ++k)
-      if (valid[k]) load_vertex(f, first + index[k], position[k]);
-#pragma unroll
-    for (int k = 0; k < kEach; ++k) {
-      v[k] = {0, 0, 0.0f, kNonFinite};
-      if (valid[k]) v[k] = project_vertex(position[k], f.view.width, f.view.height);
+// Corners first, first + step, ... of `count` triangles of a share, from number `from` on, a thread each. An index that
+// names no vertex gives a corner that drops its triangle. projected: the vertices of all views, or null.
+__device__ __forceinline__ void make_corners(const Frame& f, const Share& share, const Vertex* projected, int from,
+                                             int count, int first, int step, Vertex* corners) {
+  const int64_t first_vertex = share.view * (f.view_stride / 4);
+#pragma unroll 1
+  for (int c = first; c < 3 * count; c += step) {
+    const int number = c / 3;
+    const int32_t index =
+        __ldg(f.triangles + 3 * (int64_t)(share.first + (from + number) * share.step) + (c - 3 * number));
+    if (index < 0 || index >= f.vertices) {
+      corners[c] = {0, 0, 0.0f, kNonFinite};
+    } else if (projected) {  // not __ldg: the kernel in front may still have been writing them when this one began
+      const int4 v = reinterpret_cast<const int4*>(projected)[first_vertex + index];
+      corners[c] = {v.x, v.y, __int_as_float(v.z), (uint32_t)v.w};
+    } else {
+      corners[c] = load_and_project(f, first_vertex + index);
     }
   }
 }
 
-// The corners of a share that is drawn together, a thread each, which takes a third of the time. By all threads.
-__device__ __forceinline__ void make_corners(const Frame& f, const Share& share, const Vertex* projected,
-                                             Vertex* corners) {
-  const int c = (int)threadIdx.x, number = c / 3;
-  if (c >= 3 * share.count) return;
-  const int32_t index = __ldg(f.triangles + 3 * (int64_t)(share.first + number * share.step) + (c - 3 * number));
-  load_corners<1>(f, projected, share.view * (f.view_stride / 4), &index, corners + c);
-}
-
-// How many triangles are drawn by rows, and which are not (bit k: record k).
+// How many triangles are drawn by rows, and how many are not.
 struct Filed {
   int rows, rest;
 };
@@ -190,59 +173,42 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
   return file(part, f.first_triangle + t, view, have, widest, s);
 }
 
-// Draws thin records of few pixels, a lane each, and returns which of the warp's records are left. By all lanes. As
-// rarely called.
-__device__ __noinline__ unsigned draw_thin(int64_t* pixels, int width, const Record* records, int count) {
-  constexpr int kFewPixels = 256;
-  bool left = lane_id() < count;
-  if (left) {
-    const Record& r = records[lane_id()];
-    left = !(r.flags & kRecordThin) || (r.x1 - r.x0) * (r.y1 - r.y0) > kFewPixels;
-    if (!left)
-      for (int y = r.y0; y < r.y1; ++y) draw_tested(pixels + (uint32_t)(y * width + r.x0), 1, r, r.x0, y, true, r.x1 - r.x0);
-  }
-  return __ballot_sync(kAllLanes, left);
-}
-
-// Sets up a block's share and draws what fits by rows. What is left goes to rest(view, records, which of them), which
+// Sets up a block's share and draws what fits by rows. What is left goes to rest(view, records, their number), which
 // all lanes of a warp call after the kernels in front have ended. Parts of clipped triangles take the same way as whole
 // triangles. By all threads of a block of kShareThreads.
 template <class Rest>
 __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected, int widest,
                                            ShareShared* shared, const Rest& rest) {
   const int warp = computed_here((int)(threadIdx.x / kWarp));
-  WarpShared* const s = kept(&shared->warp[warp]);
+  WarpShared* const s = &shared->warp[warp];
   const Share share = share_of(f, sharing);
   const bool together = sharing.together();
   if (projected || share.count <= 0) wait_for_previous();
   if (share.count <= 0) return;
-  const Vertex* const corners = shared->warp[1].corners;  // warp 0's memory is where they end up
-  if (together) {
-    make_corners(f, share, projected, shared->warp[1].corners);
+  // Together, each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of
+  // warp 0 is where the triangles end up.
+  const int from = together ? 0 : warp * kWarp, count = min_of(share.count - from, kWarp);
+  Vertex* const corners = together ? shared->warp[1].corners : s->corners;
+  make_corners(f, share, projected, from, count, together ? (int)threadIdx.x : lane_id(), together ? kShareThreads : kWarp,
+               corners);
+  if (together)
     __syncthreads();
-  }
+  else
+    __syncwarp();
   Filed filed = {0, 0};
   unsigned clip = 0, dropped = 0;
-  const int first_of_warp = together ? 0 : warp * kWarp;
   if (!together || warp == 0) {
-    const int number = first_of_warp + lane_id();
-    const int32_t t = share.first + number * share.step;
     Fate fate = Fate::kNothing;
     Primitive p;
-    if (number < share.count) {
-      Vertex v[3];
-      if (together) {
-        for (int k = 0; k < 3; ++k) v[k] = corners[3 * number + k];
-      } else {
-        int32_t index[3];
-        for (int k = 0; k < 3; ++k) index[k] = __ldg(f.triangles + 3 * (int64_t)t + k);
-        load_corners<3>(f, projected, share.view * (f.view_stride / 4), index, v);
-      }
+    if (lane_id() < count) {
+      const Vertex v[3] = {corners[3 * lane_id()], corners[3 * lane_id() + 1], corners[3 * lane_id() + 2]};
       fate = assemble(f, v, &p);
     }
+    __syncwarp();
     clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
     dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
-    filed = file(p, f.first_triangle + t, share.view, fate == Fate::kWhole, widest, s);
+    filed = file(p, f.first_triangle + share.first + (from + lane_id()) * share.step, share.view, fate == Fate::kWhole,
+                 widest, s);
   }
   const RowTriangle* triangles = s->triangle;
   int first = 0, step = kWarp;
@@ -267,12 +233,10 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     draw_rows(pixels_of(f, share.view), f.view.width, triangles, filed.rows, first, step, &s->rows);
     if (filed.rest > 0) {
       wait_for_previous();
-      const Record* const records = s->records_end() - filed.rest;
-      const unsigned left = draw_thin(pixels_of(f, share.view), f.view.width, records, filed.rest);
-      if (left) rest(share.view, records, left);
+      rest(share.view, s->records_end() - filed.rest, filed.rest);
     }
     if (!clip) break;
-    filed = clip_and_file(f, share.view, share.first + (first_of_warp + __ffs(clip) - 1) * share.step, widest, s);
+    filed = clip_and_file(f, share.view, share.first + (from + __ffs(clip) - 1) * share.step, widest, s);
     clip &= clip - 1;
     triangles = s->triangle;
     first = 0;

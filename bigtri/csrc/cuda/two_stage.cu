@@ -71,12 +71,12 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, cons
 
 // A warp's records to the queue, one at a time with all lanes, so that a huge one holds up no lane; what finds no room
 // is drawn.
-__device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, const Record* records, unsigned which) {
+__device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, const Record* records, int count) {
   uint32_t first = 0;
-  if (lane_id() == 0) first = claim(&q.counters[kRecordCount], q.record_room, (uint32_t)__popc(which));
+  if (lane_id() == 0) first = claim(&q.counters[kRecordCount], q.record_room, (uint32_t)count);
   first = __shfl_sync(kAllLanes, first, 0);
-  for (uint32_t slot = first; which; ++slot, which &= which - 1) {
-    const int i = __ffs(which) - 1;
+  for (int i = 0; i < count; ++i) {
+    const uint32_t slot = first + (uint32_t)i;
     if (slot < q.record_room) {
       copy_record(q.records + slot, records[i]);
       queue_pairs(f, q, records[i], slot);
@@ -95,7 +95,7 @@ __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
   __shared__ ShareShared shared;
   let_next_begin();
   draw_share(f, s, q.projected, widest, &shared,
-             [&](int32_t, const Record* records, unsigned which) { queue_or_draw(f, q, records, which); });
+             [&](int32_t, const Record* records, int count) { queue_or_draw(f, q, records, count); });
 }
 
 __global__ void __launch_bounds__(kThreads)
