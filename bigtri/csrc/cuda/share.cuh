@@ -5,6 +5,7 @@
 
 #include "clip.cuh"
 #include "rows.cuh"
+#include "small.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -102,6 +103,7 @@ struct WarpShared {
   union {
     RowTriangle triangle[kWarp];  // what is drawn by rows, from the front; the records of the rest from the back
     Vertex corners[3 * kWarp];
+    SmallShared small;
     ClipScratch clip;
   };
   RowShared rows;
@@ -207,8 +209,16 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     __syncwarp();
     clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
     dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
-    filed = file(p, f.first_triangle + share.first + (from + lane_id()) * share.step, share.view, fate == Fate::kWhole,
-                 widest, s);
+    const int64_t id = f.first_triangle + share.first + (from + lane_id()) * share.step;
+    bool have = fate == Fate::kWhole;
+    if (!together) {
+      const bool small = have && is_small(p);
+      if (__any_sync(kAllLanes, small)) {
+        draw_small(pixels_of(f, share.view), f.view.width, p, (uint32_t)id, small, &s->small);
+        have = have && !small;
+      }
+    }
+    filed = file(p, id, share.view, have, widest, s);
   }
   const RowTriangle* triangles = s->triangle;
   int first = 0, step = kWarp;
