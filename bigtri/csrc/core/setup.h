@@ -118,6 +118,20 @@ BIGTRI_HD T pick(const T v[3], int i) {
   return i == 0 ? v[0] : i == 1 ? v[1] : v[2];
 }
 
+// Pixels whose centres lie in the bbox of three vertices, within the scissor; half-open.
+struct PixelBox {
+  int32_t x0, y0, x1, y1;
+};
+BIGTRI_HD PixelBox pixel_box(const int32_t x[3], const int32_t y[3], const Viewport& view) {
+  const int32_t min_x = min_of(min_of(x[0], x[1]), x[2]), max_x = max_of(max_of(x[0], x[1]), x[2]);
+  const int32_t min_y = min_of(min_of(y[0], y[1]), y[2]), max_y = max_of(max_of(y[0], y[1]), y[2]);
+  // Pixels from the first centre at or after the minimum to the last centre at or before the maximum. >> rounds down,
+  // so the first is ceil((min - kHalf) / kSubpixel), as kSubpixel = 2 * kHalf.
+  return {max_of((min_x + kHalf - 1) >> kSubpixelBits, view.x0), max_of((min_y + kHalf - 1) >> kSubpixelBits, view.y0),
+          min_of(((max_x - kHalf) >> kSubpixelBits) + 1, view.x1),
+          min_of(((max_y - kHalf) >> kSubpixelBits) + 1, view.y1)};
+}
+
 // Makes a primitive of three projected vertices. False if there is nothing to draw: the area is zero, the face is
 // culled, or the bbox holds no pixel centre inside the scissor.
 BIGTRI_HD bool make_primitive(const int32_t x[3], const int32_t y[3], const float z[3], const Viewport& view,
@@ -125,14 +139,8 @@ BIGTRI_HD bool make_primitive(const int32_t x[3], const int32_t y[3], const floa
   const int64_t area = twice_area(x, y);
   if (area == 0) return false;
   if (view.cull == (area > 0 ? kCullBack : kCullFront)) return false;
-  const int32_t min_x = min_of(min_of(x[0], x[1]), x[2]), max_x = max_of(max_of(x[0], x[1]), x[2]);
-  const int32_t min_y = min_of(min_of(y[0], y[1]), y[2]), max_y = max_of(max_of(y[0], y[1]), y[2]);
-  // Pixels from the first centre at or after the minimum to the last centre at or before the maximum. >> rounds down,
-  // so the first is ceil((min - kHalf) / kSubpixel), as kSubpixel = 2 * kHalf.
-  out->x0 = max_of((min_x + kHalf - 1) >> kSubpixelBits, view.x0);
-  out->y0 = max_of((min_y + kHalf - 1) >> kSubpixelBits, view.y0);
-  out->x1 = min_of(((max_x - kHalf) >> kSubpixelBits) + 1, view.x1);
-  out->y1 = min_of(((max_y - kHalf) >> kSubpixelBits) + 1, view.y1);
+  const PixelBox box = pixel_box(x, y, view);
+  out->x0 = box.x0, out->y0 = box.y0, out->x1 = box.x1, out->y1 = box.y1;
   if (out->x0 >= out->x1 || out->y0 >= out->y1) return false;
   // Order the vertices clockwise, from the one with the smallest (X, Y). It is unique, since the area is not zero.
   int source = 0;

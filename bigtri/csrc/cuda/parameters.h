@@ -21,7 +21,7 @@ namespace bigtri {
   X(share, "triangles",                                                                                              \
     "of a block that sets up; its warps draw up to 32 together, of more each draws its own; 0: so many that there are " \
     "blocks for the device",                                                                                         \
-    0, 0, 256, kShares)
+    0, 0, 2048, kShares)
 
 // From a variant's list, X(name, unit, what it is, standard, lowest, highest[, the only ones allowed]) for each, in the
 // variant's namespace: the parameters, and their values by name.

@@ -13,9 +13,12 @@ namespace {
 
 constexpr int kShareThreads = 256, kShareBlocks = 4;  // of a block, and blocks that a multiprocessor ought to hold
 constexpr int kShareWarps = kShareThreads / kWarp;
-constexpr int64_t kShares[] = {0, 4, 8, 16, kWarp, kShareThreads, -1};  // triangles of a block; up to kWarp together
+constexpr int kMostBatches = 8;
+constexpr int64_t kShares[] = {0,         4,    8, 16, kWarp, kShareThreads, 2 * kShareThreads, 4 * kShareThreads,
+                               kMostBatches* kShareThreads, -1};  // triangles of a block; up to kWarp together
 
 constexpr int64_t kMostTogether = 128;  // triangles for each block that the device holds at once
+constexpr int64_t kTurns = 4;  // blocks for each that the device holds, of which each warp has several batches
 
 // What a view draws, where views draw different triangles.
 struct ViewRange {
@@ -28,7 +31,7 @@ struct Sharing {
   uint32_t blocks;          // of a view, if all draw the same triangles
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 
-  __device__ __forceinline__ bool together() const { return each <= kWarp; }
+  bool together() const { return each <= kWarp; }
 };
 
 // A block's share: triangles first, first + step, ... of a view, `count` of them. Those drawn together lie as far apart
@@ -51,30 +54,30 @@ __device__ __forceinline__ int32_t view_of_block(const ViewRange* ranges, int32_
 }
 
 // By all threads.
+template <bool kTogether>
 __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
   Share share = {0, 0, 1, 0};
-  int32_t count = f.count;
+  int32_t all = f.count;  // triangles of the view
   uint32_t block = blockIdx.x, blocks = s.blocks;
   if (s.ranges) {
     share.view = view_of_block(s.ranges, f.views, block);
     const ViewRange range = s.ranges[share.view];
     share.first = range.first;
-    count = range.count;
+    all = range.count;
     block -= range.first_block;
-    blocks = (uint32_t)((range.count + s.each - 1) / s.each);
+    blocks = (uint32_t)((all + s.each - 1) / s.each);
+    if (block >= blocks) return share;
   } else if (f.views > 1) {
     share.view = (int32_t)(block / blocks);
     block -= (uint32_t)share.view * blocks;
   }
-  if (block >= blocks) return share;
-  const int32_t number = (int32_t)block;
-  if (s.together()) {
-    share.first += number;
+  if (kTogether) {
+    share.first += (int32_t)block;
     share.step = (int32_t)blocks;
-    share.count = (count - number - 1) / (int32_t)blocks + 1;
+    share.count = (all - 1 - (int32_t)block) / (int32_t)blocks + 1;
   } else {
-    share.first += number * s.each;
-    share.count = min_of(s.each, count - number * s.each);
+    share.first += (int32_t)block * s.each;
+    share.count = min_of(s.each, all - (int32_t)block * s.each);
   }
   return share;
 }
@@ -90,7 +93,10 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, int64_t each, Sharing
   if (each == 0) {
     s->each = 8;
     while (s->each < kWarp && total > (int64_t)resident * s->each) s->each *= 2;
-    if (total > (int64_t)resident * kMostTogether) s->each = kShareThreads;
+    if (total > (int64_t)resident * kMostTogether) {
+      s->each = kShareThreads;
+      while (s->each < kMostBatches * kShareThreads && total > (int64_t)resident * kTurns * s->each) s->each *= 2;
+    }
   }
   s->blocks = (uint32_t)((f.count + s->each - 1) / s->each);
   s->ranges = nullptr;
@@ -107,6 +113,7 @@ struct WarpShared {
     ClipScratch clip;
   };
   RowShared rows;
+  int32_t waiting[2 * kWarp];  // triangles that may show
   __device__ WarpShared() {}
 
   __device__ __forceinline__ Record* records_end() { return reinterpret_cast<Record*>(triangle + kWarp); }
@@ -123,25 +130,42 @@ struct ShareShared {
 };
 static_assert(sizeof(ShareShared) <= 48 * 1024, "as much as a block can have without asking");
 
-// Corners first, first + step, ... of `count` triangles of a share, from number `from` on, a thread each. An index that
-// names no vertex gives a corner that drops its triangle. projected: the vertices of all views, or null.
-__device__ __forceinline__ void make_corners(const Frame& f, const Share& share, const Vertex* projected, int from,
-                                             int count, int first, int step, Vertex* corners) {
-  const int64_t first_vertex = share.view * (f.view_stride / 4);
+// A projected vertex of a view, whose first vertex has number `first` of all views. An index that names none gives one
+// that drops its triangle.
+__device__ __forceinline__ Vertex projected_vertex(const Frame& f, const Vertex* projected, int64_t first,
+                                                   int32_t index) {
+  if (index < 0 || index >= f.vertices) return {0, 0, 0.0f, kNonFinite};
+  // Not __ldg: the kernel in front may still have been writing them when this one began.
+  const int4 v = reinterpret_cast<const int4*>(projected)[first + index];
+  return {v.x, v.y, __int_as_float(v.z), (uint32_t)v.w};
+}
+
+__device__ __forceinline__ void projected_corners(const Frame& f, const Vertex* projected, int64_t first, int32_t t,
+                                                  Vertex v[3]) {
+  int32_t index[3];
+  for (int k = 0; k < 3; ++k) index[k] = __ldg(f.triangles + 3 * (int64_t)t + k);
+  for (int k = 0; k < 3; ++k) v[k] = projected_vertex(f, projected, first, index[k]);
+}
+
+// Corners first, first + step, ... of triangles t, t + stride, ..., `count` of them, a thread each. As above.
+__device__ __forceinline__ void make_corners(const Frame& f, int64_t first_vertex, int32_t t, int32_t stride, int count,
+                                             int first, int step, Vertex* corners) {
 #pragma unroll 1
   for (int c = first; c < 3 * count; c += step) {
     const int number = c / 3;
-    const int32_t index =
-        __ldg(f.triangles + 3 * (int64_t)(share.first + (from + number) * share.step) + (c - 3 * number));
-    if (index < 0 || index >= f.vertices) {
-      corners[c] = {0, 0, 0.0f, kNonFinite};
-    } else if (projected) {  // not __ldg: the kernel in front may still have been writing them when this one began
-      const int4 v = reinterpret_cast<const int4*>(projected)[first_vertex + index];
-      corners[c] = {v.x, v.y, __int_as_float(v.z), (uint32_t)v.w};
-    } else {
-      corners[c] = load_and_project(f, first_vertex + index);
-    }
+    const int32_t index = __ldg(f.triangles + 3 * (int64_t)(t + number * stride) + (c - 3 * number));
+    corners[c] = {0, 0, 0.0f, kNonFinite};
+    if (index >= 0 && index < f.vertices) corners[c] = load_and_project(f, first_vertex + index);
   }
+}
+
+// Whether a triangle may cover a pixel centre, at a fraction of what set-up costs: most triangles of a mesh that is far
+// away do not. Never false of one that does, or that is to be clipped or dropped.
+__device__ __forceinline__ bool may_show(const Viewport& view, const Vertex v[3]) {
+  if ((v[0].flags | v[1].flags | v[2].flags) & ~kScreenMask) return true;
+  const int32_t x[3] = {v[0].x, v[1].x, v[2].x}, y[3] = {v[0].y, v[1].y, v[2].y};
+  const PixelBox box = pixel_box(x, y, view);
+  return box.x0 < box.x1 && box.y0 < box.y1;
 }
 
 // How many triangles are drawn by rows, and how many are not.
@@ -177,84 +201,126 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
 
 // Sets up a block's share and draws what fits by rows. What is left goes to rest(view, records, their number), which
 // all lanes of a warp call after the kernels in front have ended. Parts of clipped triangles take the same way as whole
-// triangles. By all threads of a block of kShareThreads.
-template <class Rest>
+// triangles. projected: the vertices of all views, or null. By all threads of a block of kShareThreads.
+template <bool kTogether, class Rest>
 __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected, int widest,
                                            ShareShared* shared, const Rest& rest) {
   const int warp = computed_here((int)(threadIdx.x / kWarp));
   WarpShared* const s = &shared->warp[warp];
-  const Share share = share_of(f, sharing);
-  const bool together = sharing.together();
-  if (projected || share.count <= 0) wait_for_previous();
+  const Share share = share_of<kTogether>(f, sharing);
+  if ((!kTogether && projected) || share.count <= 0) wait_for_previous();
   if (share.count <= 0) return;
-  // Together, each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of
-  // warp 0 is where the triangles end up.
-  const int from = together ? 0 : warp * kWarp, count = min_of(share.count - from, kWarp);
-  Vertex* const corners = together ? shared->warp[1].corners : s->corners;
-  make_corners(f, share, projected, from, count, together ? (int)threadIdx.x : lane_id(), together ? kShareThreads : kWarp,
-               corners);
-  if (together)
+  const int64_t first_vertex = share.view * (f.view_stride / 4);
+  int64_t* const pixels = pixels_of(f, share.view);
+  // Triangles of this warp that have not been looked at, [next, end), and those that wait in s->waiting.
+  const int each = kTogether ? 0 : sharing.each / kShareWarps;
+  int32_t next = share.first + warp * each;
+  const int32_t end = kTogether ? next : min_of(next + each, share.first + share.count);
+  int waiting = 0;
+  unsigned dropped = 0;
+  if (kTogether) {
+    // Each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of warp 0
+    // is where the triangles end up.
+    make_corners(f, first_vertex, share.first, share.step, share.count, (int)threadIdx.x, kShareThreads,
+                 shared->warp[1].corners);
     __syncthreads();
-  else
-    __syncwarp();
-  Filed filed = {0, 0};
-  unsigned clip = 0, dropped = 0;
-  if (!together || warp == 0) {
-    Fate fate = Fate::kNothing;
-    Primitive p;
-    if (lane_id() < count) {
-      const Vertex v[3] = {corners[3 * lane_id()], corners[3 * lane_id() + 1], corners[3 * lane_id() + 2]};
-      fate = assemble(f, v, &p);
-    }
-    __syncwarp();
-    clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
-    dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
-    const int64_t id = f.first_triangle + share.first + (from + lane_id()) * share.step;
-    bool have = fate == Fate::kWhole;
-    if (!together) {
-      const bool small = have && is_small(p);
-      if (__any_sync(kAllLanes, small)) {
-        draw_small(pixels_of(f, share.view), f.view.width, p, (uint32_t)id, small, &s->small);
-        have = have && !small;
-      }
-    }
-    filed = file(p, id, share.view, have, widest, s);
-  }
-  const RowTriangle* triangles = s->triangle;
-  int first = 0, step = kWarp;
-  if (together) {
-    if (threadIdx.x == 0) {
-      shared->rows = filed.rows;
-      shared->clip = clip;
-    }
-    __syncthreads();
-    triangles = shared->warp[0].triangle;
-    filed.rows = shared->rows;
-    first = warp * kWarp;
-    step = kShareThreads;
-    // Those to be clipped go round among the other warps: warp 0's memory is in use.
-    unsigned mine = 0, all = shared->clip;
-    for (int turn = 1; all; turn = turn % (kShareWarps - 1) + 1, all &= all - 1)
-      if (turn == warp) mine |= all & -all;
-    clip = mine;
   }
 #pragma unroll 1
-  for (;;) {
-    draw_rows(pixels_of(f, share.view), f.view.width, triangles, filed.rows, first, step, &s->rows);
-    if (filed.rest > 0) {
-      wait_for_previous();
-      rest(share.view, s->records_end() - filed.rest, filed.rest);
+  do {
+    int32_t t = share.first + lane_id() * share.step;
+    int count = kTogether ? (warp == 0 ? share.count : 0) : min_of(end - next, kWarp);
+    const Vertex* corners = shared->warp[1].corners;
+    if (!kTogether) {
+      if (projected) {
+        while (waiting < kWarp && next < end) {
+          bool may = false;
+          if (next + lane_id() < end) {
+            Vertex v[3];
+            projected_corners(f, projected, first_vertex, next + lane_id(), v);
+            may = may_show(f.view, v);
+          }
+          const unsigned all = __ballot_sync(kAllLanes, may);
+          if (may) s->waiting[waiting + __popc(all & lanes_below())] = next + lane_id();
+          waiting += __popc(all);
+          next += kWarp;
+        }
+        __syncwarp();
+        count = min_of(waiting, kWarp);
+        waiting -= count;
+        t = s->waiting[waiting + min_of(lane_id(), max_of(count - 1, 0))];  // from the end, so that none has to move
+      } else {
+        make_corners(f, first_vertex, next, 1, count, lane_id(), kWarp, s->corners);
+        t = next + lane_id();
+        next += kWarp;
+        corners = s->corners;
+        __syncwarp();
+      }
     }
-    if (!clip) break;
-    filed = clip_and_file(f, share.view, share.first + (from + __ffs(clip) - 1) * share.step, widest, s);
-    clip &= clip - 1;
-    triangles = s->triangle;
-    first = 0;
-    step = kWarp;
-  }
+    Filed filed = {0, 0};
+    unsigned clip = 0;
+    if (!kTogether || warp == 0) {
+      Fate fate = Fate::kNothing;
+      Primitive p;
+      if (lane_id() < count) {
+        Vertex v[3];
+        if (!kTogether && projected)
+          projected_corners(f, projected, first_vertex, t, v);
+        else
+          for (int k = 0; k < 3; ++k) v[k] = corners[3 * lane_id() + k];
+        fate = assemble(f, v, &p);
+      }
+      __syncwarp();
+      clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
+      dropped += __popc(__ballot_sync(kAllLanes, fate == Fate::kDropped));
+      bool have = fate == Fate::kWhole;
+      if (!kTogether) {
+        const bool small = have && is_small(p);
+        if (__any_sync(kAllLanes, small)) {
+          draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
+          have = have && !small;
+        }
+      }
+      filed = file(p, f.first_triangle + t, share.view, have, widest, s);
+    }
+    const RowTriangle* triangles = s->triangle;
+    int first = 0, step = kWarp;
+    if (kTogether) {
+      if (threadIdx.x == 0) {
+        shared->rows = filed.rows;
+        shared->clip = clip;
+      }
+      __syncthreads();
+      triangles = shared->warp[0].triangle;
+      filed.rows = shared->rows;
+      first = warp * kWarp;
+      step = kShareThreads;
+      // Those to be clipped go round among the other warps: warp 0's memory is in use.
+      unsigned mine = 0, all = shared->clip;
+      for (int turn = 1; all; turn = turn % (kShareWarps - 1) + 1, all &= all - 1)
+        if (turn == warp) mine |= all & -all;
+      clip = mine;
+    }
+#pragma unroll 1
+    for (;;) {
+      draw_rows(pixels, f.view.width, triangles, filed.rows, first, step, &s->rows);
+      if (filed.rest > 0) {
+        wait_for_previous();
+        rest(share.view, s->records_end() - filed.rest, filed.rest);
+      }
+      if (!clip) break;
+      const int32_t its = kTogether ? share.first + (__ffs(clip) - 1) * share.step
+                                   : __shfl_sync(kAllLanes, t, __ffs(clip) - 1);
+      filed = clip_and_file(f, share.view, its, widest, s);
+      clip &= clip - 1;
+      triangles = s->triangle;
+      first = 0;
+      step = kWarp;
+    }
+    __syncwarp();
+  } while (next < end || waiting > 0);
   wait_for_previous();
   if (dropped && lane_id() == 0)
-    atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped + share.view), (unsigned long long)__popc(dropped));
+    atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped + share.view), (unsigned long long)dropped);
 }
 
 }  // namespace
