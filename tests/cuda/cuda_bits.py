@@ -27,15 +27,16 @@ PATHS: dict[str, dict[str, int]] = {
     "many warps": {"warps": 16},
     "rows": {"few": 0},
     "narrow": {"few": 0, "rows": 20},
-    "shares": {"few": 0, "share": 256},
+    "apart": {"few": 0, "share": 256},
+    "tested": {"few": 0, "share": 2048},
 }
 # More values of parameters than their registry names: lists and queues of one, sizes that leave work for a second turn.
 VALUES: dict[str, tuple[int, ...]] = {
     "entries": (1, 2, 352),
     "blocks": (0, 1, 3, 1000),
     "queue": (1, 2, 700),
-    "rows": (0, 8, 64, 256),
-    "share": (4, 32, 256),
+    "rows": (0, 1, 64, 256),
+    "share": (4, 32, 256, 2048),
     "cache": (0, 400_000, 800_000),
     "few": (0, 1, 64, 65536),
 }

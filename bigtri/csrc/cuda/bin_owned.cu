@@ -180,8 +180,8 @@ Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
   Rows r;
   r.waiting =
       take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, (int64_t)f.views * f.count * kMaxSubTriangles));
-  r.projected = take_projected(scratch, f);
-  r.widest = (int)v.rows;
+  r.projected = take_projected(scratch, f, v.share > kShareThreads);
+  r.widest = v.rows > 0 ? (int)v.rows : (int64_t)f.view.width * f.view.height > (1 << 22) ? 256 : 192;
   return r;
 }
 
@@ -212,12 +212,12 @@ __device__ __noinline__ void wait_or_draw(const Frame& f, const Waiting& w, int3
   draw_now(pixels_of(f, view), f.view.width, records, all & ~waiting);
 }
 
-template <bool kTogether>
+template <Way kWay>
 __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
     draw_by_rows(const __grid_constant__ Frame f, const __grid_constant__ Rows r) {
   __shared__ ShareShared shared;
   let_next_begin();
-  draw_share<kTogether>(f, r.sharing, r.projected, r.widest, &shared, [&](int32_t view, const Record* records, int count) {
+  draw_share<kWay>(f, r.sharing, r.projected, r.widest, &shared, [&](int32_t view, const Record* records, int count) {
     wait_or_draw(f, r.waiting, view, records, count);
   });
 }
@@ -247,9 +247,12 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   BIGTRI_CUDA(sliver_bands(f, v.cache, &r.waiting.bands));
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
   int64_t blocks;
-  BIGTRI_CUDA(share_triangles(draw_by_rows<true>, f, v.share, &r.sharing, &blocks));
-  BIGTRI_CUDA(launch_next(r.sharing.together() ? draw_by_rows<true> : draw_by_rows<false>, blocks, kShareThreads, 0,
-                          stream, f, r));
+  BIGTRI_CUDA(share_triangles(draw_by_rows<Way::kTogether>, f, r.projected, v.share, &r.sharing, &blocks));
+  const Way way = r.sharing.way();
+  const auto kernel = way == Way::kTogether ? draw_by_rows<Way::kTogether>
+                      : way == Way::kApart  ? draw_by_rows<Way::kApart>
+                                            : draw_by_rows<Way::kTested>;
+  BIGTRI_CUDA(launch_next(kernel, blocks, kShareThreads, 0, stream, f, r));
   int for_patches;
   BIGTRI_CUDA(blocks_for(draw_waiting<kWarps>, kWarps * kWarp, sizeof(PatchShared<kWarps>),
                          (int64_t)Patch<kWarps>::count(f.view) * f.views, v.blocks, &for_patches));

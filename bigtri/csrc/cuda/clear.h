@@ -9,7 +9,7 @@ inline namespace BIGTRI_NAMESPACE {
 
 // Room for the projected vertices, or null: projecting each once pays where triangles share them, not where most are
 // left out.
-Vertex* take_projected(Scratch* scratch, const Frame& f);
+Vertex* take_projected(Scratch* scratch, const Frame& f, bool wanted);
 
 // A frame's first kernel. projected: where the vertices go, or null.
 cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, cudaStream_t stream);

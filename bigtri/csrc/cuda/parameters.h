@@ -14,8 +14,11 @@ namespace bigtri {
     1 << 20)
 #define BIGTRI_QUEUE_PARAMETER(X) \
   X(queue, "records", "that may wait; what finds no room is drawn on the spot, or last", 1 << 18, 1, 1 << 24)
-#define BIGTRI_ROWS_PARAMETER(X) \
-  X(rows, "px", "longest side of the bbox of a triangle that is drawn by rows at set-up; what is wider waits", 128, 0, 256)
+#define BIGTRI_ROWS_PARAMETER(X)                                                                                      \
+  X(rows, "px",                                                                                                       \
+    "longest side of the bbox of a triangle that is drawn by rows at set-up; what is wider waits; 0: 192, or 256 in " \
+    "large images",                                                                                                   \
+    0, 0, 256)
 // kShares: of share.cuh
 #define BIGTRI_SHARE_PARAMETER(X)                                                                                    \
   X(share, "triangles",                                                                                              \

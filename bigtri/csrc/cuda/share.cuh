@@ -1,6 +1,5 @@
 // How the triangles of all views are shared among blocks, and what becomes of a block's share: set-up, rows, and what is
-// left to the caller. Few triangles are drawn together by all warps of a block, so that one large triangle does not
-// hold up a warp; of many, each warp draws its own.
+// left to the caller.
 #pragma once
 
 #include "clip.cuh"
@@ -13,12 +12,16 @@ namespace {
 
 constexpr int kShareThreads = 256, kShareBlocks = 4;  // of a block, and blocks that a multiprocessor ought to hold
 constexpr int kShareWarps = kShareThreads / kWarp;
+// What a block does with its share.
+enum class Way {
+  kTogether,  // up to 32 triangles, drawn by all warps together, so that a large one does not hold up a warp
+  kApart,     // each warp draws 32 of its own
+  kTested,    // each warp tests many, and draws those that may show, 32 at a time
+};
 constexpr int kMostBatches = 8;
-constexpr int64_t kShares[] = {0,         4,    8, 16, kWarp, kShareThreads, 2 * kShareThreads, 4 * kShareThreads,
-                               kMostBatches* kShareThreads, -1};  // triangles of a block; up to kWarp together
-
-constexpr int64_t kMostTogether = 128;  // triangles for each block that the device holds at once
-constexpr int64_t kTurns = 4;  // blocks for each that the device holds, of which each warp has several batches
+constexpr int kMostlySmall = 24;  // small triangles of a warp's 32 that are worth an own way
+// Triangles of a block: up to kWarp together, kShareThreads apart, more tested.
+constexpr int64_t kShares[] = {0, 4, 8, 16, kWarp, kShareThreads, kMostBatches* kShareThreads, -1};
 
 // What a view draws, where views draw different triangles.
 struct ViewRange {
@@ -31,7 +34,7 @@ struct Sharing {
   uint32_t blocks;          // of a view, if all draw the same triangles
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 
-  bool together() const { return each <= kWarp; }
+  Way way() const { return each <= kWarp ? Way::kTogether : each <= kShareThreads ? Way::kApart : Way::kTested; }
 };
 
 // A block's share: triangles first, first + step, ... of a view, `count` of them. Those drawn together lie as far apart
@@ -54,7 +57,7 @@ __device__ __forceinline__ int32_t view_of_block(const ViewRange* ranges, int32_
 }
 
 // By all threads.
-template <bool kTogether>
+template <Way kWay>
 __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
   Share share = {0, 0, 1, 0};
   int32_t all = f.count;  // triangles of the view
@@ -71,7 +74,7 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
     share.view = (int32_t)(block / blocks);
     block -= (uint32_t)share.view * blocks;
   }
-  if (kTogether) {
+  if (kWay == Way::kTogether) {
     share.first += (int32_t)block;
     share.step = (int32_t)blocks;
     share.count = (all - 1 - (int32_t)block) / (int32_t)blocks + 1;
@@ -82,21 +85,24 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
   return share;
 }
 
+// Pixels of the image, or of all views, for each triangle: below the first number most triangles cover none, up to the
+// second most are small, and above that some may be large.
+constexpr int64_t kTinyPixels = 1, kSmallShare = 16;
+constexpr int64_t kMostTogether = 512;  // triangles for each block that the device holds at once, if some may be large
+
 // Shares triangles so that there are blocks for the device. each: triangles of a block as the caller wants, or 0.
 // kernel: of kShareThreads threads a block.
 template <class Kernel>
-cudaError_t share_triangles(Kernel kernel, const Frame& f, int64_t each, Sharing* s, int64_t* blocks) {
+cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64_t each, Sharing* s, int64_t* blocks) {
   int resident;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), kShareThreads, 0, &resident));
-  const int64_t total = (int64_t)f.views * f.count;
+  const int64_t total = (int64_t)f.views * f.count, pixels = (int64_t)f.views * f.view.width * f.view.height;
   s->each = (int)each;
   if (each == 0) {
     s->each = 8;
     while (s->each < kWarp && total > (int64_t)resident * s->each) s->each *= 2;
-    if (total > (int64_t)resident * kMostTogether) {
-      s->each = kShareThreads;
-      while (s->each < kMostBatches * kShareThreads && total > (int64_t)resident * kTurns * s->each) s->each *= 2;
-    }
+    if (total > resident * (pixels >= kSmallShare * total ? kMostTogether : kMostTogether / 4)) s->each = kShareThreads;
+    if (s->each == kShareThreads && projected && pixels <= kTinyPixels * total) s->each *= kMostBatches;
   }
   s->blocks = (uint32_t)((f.count + s->each - 1) / s->each);
   s->ranges = nullptr;
@@ -147,16 +153,29 @@ __device__ __forceinline__ void projected_corners(const Frame& f, const Vertex* 
   for (int k = 0; k < 3; ++k) v[k] = projected_vertex(f, projected, first, index[k]);
 }
 
-// Corners first, first + step, ... of triangles t, t + stride, ..., `count` of them, a thread each. As above.
-__device__ __forceinline__ void make_corners(const Frame& f, int64_t first_vertex, int32_t t, int32_t stride, int count,
-                                             int first, int step, Vertex* corners) {
+// The corners of triangle t, projected by this thread alone.
+__device__ __forceinline__ void own_corners(const Frame& f, int64_t first, int32_t t, Vertex v[3]) {
+  int32_t index[3];
+  for (int k = 0; k < 3; ++k) index[k] = __ldg(f.triangles + 3 * (int64_t)t + k);
 #pragma unroll 1
-  for (int c = first; c < 3 * count; c += step) {
-    const int number = c / 3;
-    const int32_t index = __ldg(f.triangles + 3 * (int64_t)(t + number * stride) + (c - 3 * number));
-    corners[c] = {0, 0, 0.0f, kNonFinite};
-    if (index >= 0 && index < f.vertices) corners[c] = load_and_project(f, first_vertex + index);
+  for (int k = 0; k < 3; ++k) {
+    v[0] = v[1];
+    v[1] = v[2];
+    v[2] = {0, 0, 0.0f, kNonFinite};
+    if (index[0] >= 0 && index[0] < f.vertices) v[2] = load_and_project(f, first + index[0]);
+    index[0] = index[1];
+    index[1] = index[2];
   }
+}
+
+// Corners of triangles t, t + stride, ..., `count` of them, a thread each. As above.
+__device__ __forceinline__ void make_corners(const Frame& f, int64_t first_vertex, int32_t t, int32_t stride, int count,
+                                             Vertex* corners) {
+  const int c = (int)threadIdx.x, number = c / 3;
+  if (c >= 3 * count) return;
+  const int32_t index = __ldg(f.triangles + 3 * (int64_t)(t + number * stride) + (c - 3 * number));
+  corners[c] = {0, 0, 0.0f, kNonFinite};
+  if (index >= 0 && index < f.vertices) corners[c] = load_and_project(f, first_vertex + index);
 }
 
 // Whether a triangle may cover a pixel centre, at a fraction of what set-up costs: most triangles of a mesh that is far
@@ -202,18 +221,19 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
 // Sets up a block's share and draws what fits by rows. What is left goes to rest(view, records, their number), which
 // all lanes of a warp call after the kernels in front have ended. Parts of clipped triangles take the same way as whole
 // triangles. projected: the vertices of all views, or null. By all threads of a block of kShareThreads.
-template <bool kTogether, class Rest>
+template <Way kWay, class Rest>
 __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected, int widest,
                                            ShareShared* shared, const Rest& rest) {
+  constexpr bool kTogether = kWay == Way::kTogether;
   const int warp = computed_here((int)(threadIdx.x / kWarp));
   WarpShared* const s = &shared->warp[warp];
-  const Share share = share_of<kTogether>(f, sharing);
+  const Share share = share_of<kWay>(f, sharing);
   if ((!kTogether && projected) || share.count <= 0) wait_for_previous();
   if (share.count <= 0) return;
   const int64_t first_vertex = share.view * (f.view_stride / 4);
   int64_t* const pixels = pixels_of(f, share.view);
-  // Triangles of this warp that have not been looked at, [next, end), and those that wait in s->waiting.
-  const int each = kTogether ? 0 : sharing.each / kShareWarps;
+  // Of this warp: triangles that have not been looked at, [next, end), and how many wait in s->waiting.
+  const int each = kTogether ? 0 : kWay == Way::kApart ? kWarp : sharing.each / kShareWarps;
   int32_t next = share.first + warp * each;
   const int32_t end = kTogether ? next : min_of(next + each, share.first + share.count);
   int waiting = 0;
@@ -221,40 +241,32 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   if (kTogether) {
     // Each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of warp 0
     // is where the triangles end up.
-    make_corners(f, first_vertex, share.first, share.step, share.count, (int)threadIdx.x, kShareThreads,
-                 shared->warp[1].corners);
+    make_corners(f, first_vertex, share.first, share.step, share.count, shared->warp[1].corners);
     __syncthreads();
   }
 #pragma unroll 1
   do {
-    int32_t t = share.first + lane_id() * share.step;
+    int32_t t = kTogether ? share.first + lane_id() * share.step : next + lane_id();
     int count = kTogether ? (warp == 0 ? share.count : 0) : min_of(end - next, kWarp);
-    const Vertex* corners = shared->warp[1].corners;
-    if (!kTogether) {
-      if (projected) {
-        while (waiting < kWarp && next < end) {
-          bool may = false;
-          if (next + lane_id() < end) {
-            Vertex v[3];
-            projected_corners(f, projected, first_vertex, next + lane_id(), v);
-            may = may_show(f.view, v);
-          }
-          const unsigned all = __ballot_sync(kAllLanes, may);
-          if (may) s->waiting[waiting + __popc(all & lanes_below())] = next + lane_id();
-          waiting += __popc(all);
-          next += kWarp;
+    if (kWay == Way::kTested) {
+      while (waiting < kWarp && next < end) {
+        bool may = next + lane_id() < end;
+        if (may) {
+          Vertex v[3];
+          projected_corners(f, projected, first_vertex, next + lane_id(), v);
+          may = may_show(f.view, v);
         }
-        __syncwarp();
-        count = min_of(waiting, kWarp);
-        waiting -= count;
-        t = s->waiting[waiting + min_of(lane_id(), max_of(count - 1, 0))];  // from the end, so that none has to move
-      } else {
-        make_corners(f, first_vertex, next, 1, count, lane_id(), kWarp, s->corners);
-        t = next + lane_id();
+        const unsigned all = __ballot_sync(kAllLanes, may);
+        if (may) s->waiting[waiting + __popc(all & lanes_below())] = next + lane_id();
+        waiting += __popc(all);
         next += kWarp;
-        corners = s->corners;
-        __syncwarp();
       }
+      __syncwarp();
+      count = min_of(waiting, kWarp);
+      waiting -= count;
+      t = s->waiting[waiting + min_of(lane_id(), max_of(count - 1, 0))];  // from the end, so that none has to move
+    } else {
+      next += kWarp;
     }
     Filed filed = {0, 0};
     unsigned clip = 0;
@@ -263,19 +275,20 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       Primitive p;
       if (lane_id() < count) {
         Vertex v[3];
-        if (!kTogether && projected)
+        if (kTogether)
+          for (int k = 0; k < 3; ++k) v[k] = shared->warp[1].corners[3 * lane_id() + k];
+        else if (projected)
           projected_corners(f, projected, first_vertex, t, v);
         else
-          for (int k = 0; k < 3; ++k) v[k] = corners[3 * lane_id() + k];
+          own_corners(f, first_vertex, t, v);
         fate = assemble(f, v, &p);
       }
-      __syncwarp();
       clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
       dropped += __popc(__ballot_sync(kAllLanes, fate == Fate::kDropped));
       bool have = fate == Fate::kWhole;
-      if (!kTogether) {
+      if (kWay == Way::kApart) {
         const bool small = have && is_small(p);
-        if (__any_sync(kAllLanes, small)) {
+        if (__popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
           draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
           have = have && !small;
         }
@@ -308,16 +321,16 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
         rest(share.view, s->records_end() - filed.rest, filed.rest);
       }
       if (!clip) break;
-      const int32_t its = kTogether ? share.first + (__ffs(clip) - 1) * share.step
-                                   : __shfl_sync(kAllLanes, t, __ffs(clip) - 1);
-      filed = clip_and_file(f, share.view, its, widest, s);
+      const int number = __ffs(clip) - 1;
+      filed = clip_and_file(f, share.view,
+                            kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), widest, s);
       clip &= clip - 1;
       triangles = s->triangle;
       first = 0;
       step = kWarp;
     }
     __syncwarp();
-  } while (next < end || waiting > 0);
+  } while (kWay == Way::kTested && (next < end || waiting > 0));
   wait_for_previous();
   if (dropped && lane_id() == 0)
     atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped + share.view), (unsigned long long)dropped);

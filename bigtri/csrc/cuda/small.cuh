@@ -10,8 +10,7 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr int kSmallSide = 16;  // px, of the bbox
-constexpr int kSmallPixels = 9;  // of the bbox, at least; fewer are drawn faster by rows
+constexpr int kSmallSide = 8;  // px, of the bbox
 constexpr int kSmallExtent = 32 * kSubpixel;  // of the triangle itself, of which the screen may have left only a corner
 constexpr int kBoxSide = 8;  // px; of what a lane finds pixels in at a time
 
@@ -36,7 +35,7 @@ struct SmallShared {
 };
 
 __device__ __forceinline__ bool is_small(const Primitive& p) {
-  return (p.x1 - p.x0) * (p.y1 - p.y0) >= kSmallPixels && p.x1 - p.x0 <= kSmallSide && p.y1 - p.y0 <= kSmallSide && extent_of(p) <= kSmallExtent &&
+  return p.x1 - p.x0 <= kSmallSide && p.y1 - p.y0 <= kSmallSide && extent_of(p) <= kSmallExtent &&
          max_of(max_of(p.z[0], p.z[1]), p.z[2]) <= 1.0f && !is_thin(p.x, p.y, p.area);
 }
 

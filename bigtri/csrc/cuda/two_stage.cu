@@ -43,7 +43,7 @@ Queue take_queue(Scratch* scratch, const Frame& f, const Values& v) {
   q.records = scratch->take<Record>(q.record_room);
   q.pairs = scratch->take<Pair>(q.pair_room);
   q.counters = scratch->take<uint64_t>(kCounters);
-  q.projected = take_projected(scratch, f);
+  q.projected = take_projected(scratch, f, v.share > kShareThreads);
   return q;
 }
 
@@ -89,13 +89,13 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, const
 
 constexpr int kThreads = 256;
 
-template <bool kTogether>
+template <Way kWay>
 __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
     set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ Queue q, const __grid_constant__ Sharing s,
                        int widest) {
   __shared__ ShareShared shared;
   let_next_begin();
-  draw_share<kTogether>(f, s, q.projected, widest, &shared,
+  draw_share<kWay>(f, s, q.projected, widest, &shared,
              [&](int32_t, const Record* records, int count) { queue_or_draw(f, q, records, count); });
 }
 
@@ -122,8 +122,12 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
     Sharing sharing;
     int blocks;
     int64_t set_up_blocks;
-    BIGTRI_CUDA(share_triangles(set_up_and_enqueue<true>, f, v.share, &sharing, &set_up_blocks));
-    BIGTRI_CUDA(launch_next(sharing.together() ? set_up_and_enqueue<true> : set_up_and_enqueue<false>, set_up_blocks, kShareThreads, 0, stream, f, q, sharing, (int)v.rows));
+    BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kTogether>, f, q.projected, v.share, &sharing, &set_up_blocks));
+    const Way way = sharing.way();
+    const auto kernel = way == Way::kTogether ? set_up_and_enqueue<Way::kTogether>
+                        : way == Way::kApart  ? set_up_and_enqueue<Way::kApart>
+                                              : set_up_and_enqueue<Way::kTested>;
+    BIGTRI_CUDA(launch_next(kernel, set_up_blocks, kShareThreads, 0, stream, f, q, sharing, v.rows > 0 ? (int)v.rows : 192));
     BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, v.blocks, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
   }
