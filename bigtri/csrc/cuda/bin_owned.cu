@@ -181,7 +181,6 @@ Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
   r.waiting =
       take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, (int64_t)f.views * f.count * kMaxSubTriangles));
   r.projected = take_projected(scratch, f, v.share > kShareThreads);
-  r.widest = v.rows > 0 ? (int)v.rows : (int64_t)f.view.width * f.view.height > (1 << 22) ? 256 : 192;
   return r;
 }
 
@@ -248,6 +247,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
   int64_t blocks;
   BIGTRI_CUDA(share_triangles(draw_by_rows<Way::kTogether>, f, r.projected, v.share, &r.sharing, &blocks));
+  r.widest = widest_rows(f, r.sharing, v.rows);
   const Way way = r.sharing.way();
   const auto kernel = way == Way::kTogether ? draw_by_rows<Way::kTogether>
                       : way == Way::kApart  ? draw_by_rows<Way::kApart>
@@ -263,7 +263,10 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
 
 // ---
 
-int warps_of(const Frame& f, const Values& v) { return v.warps > 0 ? (int)v.warps : f.count <= 128 ? 8 : 16; }
+// The rows' blocks merge what waits, which is mostly slivers and few large triangles: small blocks share it better.
+int warps_of(const Frame& f, const Values& v) {
+  return v.warps > 0 ? (int)v.warps : f.count > 128 && f.count <= v.few ? 16 : 8;
+}
 
 bool are_few(const Frame& f, const Values& v) {
   return f.views == 1 && !f.ranges && f.count <= min_of<int64_t>(v.few, most_few(warps_of(f, v)));

@@ -8,8 +8,8 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Background everywhere, zeros, and the vertices projected where there is room for them: by blocks of their own, spread
-// evenly among the others, since one is bound by memory and the other by arithmetic.
+// Background everywhere, zeros, and the vertices projected where there is room for them: by blocks of their own, behind
+// the others, so that a multiprocessor has both at once. One is bound by memory and the other by arithmetic.
 constexpr int kClearThreads = 256, kVerticesEach = 2;
 constexpr int kProjectVertices = kVerticesEach * kClearThreads;  // of a block
 // So few blocks clear a multiprocessor's share that the next kernel's blocks find room beside them at once.
@@ -17,20 +17,19 @@ constexpr int kClearBlocks = 2;
 constexpr int64_t kPixelsPerProjected = 64;
 
 __global__ void __launch_bounds__(kClearThreads, 4)
-    clear_frame(const __grid_constant__ Frame f, Vertex* projected, int projecting_blocks, Zeros zeros) {
+    clear_frame(const __grid_constant__ Frame f, Vertex* projected, unsigned clearing_blocks, Zeros zeros) {
   let_next_begin();
-  const int projecting = (int)((int64_t)blockIdx.x * projecting_blocks / gridDim.x);  // blocks before this one
-  if ((int64_t)(blockIdx.x + 1) * projecting_blocks / gridDim.x > projecting) {
+  if (blockIdx.x >= clearing_blocks) {
     const int64_t vertices = f.view_stride ? f.views * f.vertices : f.vertices;
     project_vertices<kVerticesEach>(
-        f, (int64_t)projecting * kProjectVertices + threadIdx.x, kClearThreads, vertices,
+        f, (int64_t)(blockIdx.x - clearing_blocks) * kProjectVertices + threadIdx.x, kClearThreads, vertices,
         [&](const Vertex& p, int64_t i) {
           reinterpret_cast<int4*>(projected)[i] = make_int4(p.x, p.y, __float_as_int(p.z), (int)p.flags);
         });
     return;
   }
-  const int64_t thread = (int64_t)(blockIdx.x - projecting) * kClearThreads + threadIdx.x,
-                threads = (int64_t)(gridDim.x - projecting_blocks) * kClearThreads;
+  const int64_t thread = (int64_t)blockIdx.x * kClearThreads + threadIdx.x,
+                threads = (int64_t)clearing_blocks * kClearThreads;
   zeros.set(thread, threads);
   for (int64_t v = thread; v < f.views; v += threads) f.dropped[v] = 0;
   // From the end to the beginning: triangles mostly come from the top of the image, which then is what the cache still
@@ -64,7 +63,7 @@ cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, 
   const int64_t pixels = (int64_t)f.views * f.view.width * f.view.height, vertices = f.view_stride ? f.views * f.vertices : f.vertices;
   const int64_t clearing = min_of<int64_t>((pixels + 2 * kClearThreads - 1) / (2 * kClearThreads), (int64_t)kClearBlocks * processors),
                 projecting = projected ? (vertices + kProjectVertices - 1) / kProjectVertices : 0;
-  return launch_first(clear_frame, projecting + clearing, kClearThreads, 0, stream, f, projected, (int)projecting,
+  return launch_first(clear_frame, projecting + clearing, kClearThreads, 0, stream, f, projected, (unsigned)clearing,
                       zeros);
 }
 

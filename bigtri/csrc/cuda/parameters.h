@@ -16,8 +16,8 @@ namespace bigtri {
   X(queue, "records", "that may wait; what finds no room is drawn on the spot, or last", 1 << 18, 1, 1 << 24)
 #define BIGTRI_ROWS_PARAMETER(X)                                                                                      \
   X(rows, "px",                                                                                                       \
-    "longest side of the bbox of a triangle that is drawn by rows at set-up; what is wider waits; 0: 192, or 256 in " \
-    "large images",                                                                                                   \
+    "longest side of the bbox of a triangle that is drawn by rows at set-up; what is wider waits; 0: 64, 192 or " \
+    "256, by the image and the number of triangles",                                                                 \
     0, 0, 256)
 // kShares: of share.cuh
 #define BIGTRI_SHARE_PARAMETER(X)                                                                                    \

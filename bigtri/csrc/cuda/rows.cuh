@@ -176,8 +176,9 @@ __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
 }
 
 // Draws `count` triangles, at most 32, onto a view of this width that the kernels in front have cleared: rows first,
-// first + 1, ..., first + 31, and so on in steps of `step`, so that several warps can share them. By all lanes.
-__device__ __forceinline__ void draw_rows(int64_t* pixels, int width, const RowTriangle* triangles, int count,
+// first + 1, ..., first + 31, and so on in steps of `step`, so that several warps can share them. Returns the number of
+// rows. By all lanes.
+__device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTriangle* triangles, int count,
                                           int first, int step, RowShared* s) {
   const int lane = computed_here(lane_id());
   const unsigned lanes_to_here = (unsigned)computed_here((int)(2u << lane) - 1);
@@ -235,6 +236,7 @@ __device__ __forceinline__ void draw_rows(int64_t* pixels, int width, const RowT
     if (drawn < pixel_count) draw_pixels<1>(pixels, drawn, pixel_count, pixel, any, lane, lanes_to_here, s);
     __syncwarp();
   }
+  return total;
 }
 
 }  // namespace

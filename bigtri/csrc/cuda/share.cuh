@@ -31,6 +31,7 @@ struct ViewRange {
 
 struct Sharing {
   int each;                 // triangles of a block
+  bool even_out;            // whether warps that draw their own may share one's rows, where it has far more than others
   uint32_t blocks;          // of a view, if all draw the same triangles
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 
@@ -85,10 +86,18 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
   return share;
 }
 
-// Pixels of the image, or of all views, for each triangle: below the first number most triangles cover none, up to the
-// second most are small, and above that some may be large.
-constexpr int64_t kTinyPixels = 1, kSmallShare = 16;
+// Pixels of the image, or of all views, for each triangle: below the first number most triangles cover none, from the
+// second on some may have far more than others, from the third on some may be large.
+constexpr double kTinyPixels = 0.8, kUnevenPixels = 2.5, kSmallShare = 16;
 constexpr int64_t kMostTogether = 512;  // triangles for each block that the device holds at once, if some may be large
+
+// Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones, and where
+// an image has many pixels, what waits for blocks that own them takes long to begin.
+inline int widest_rows(const Frame& f, const Sharing& s, int64_t wanted) {
+  if (wanted > 0) return (int)wanted;
+  if (s.way() != Way::kTogether && !s.even_out) return 64;
+  return (int64_t)f.view.width * f.view.height > (1 << 22) ? kWidestRows : 192;
+}
 
 // Shares triangles so that there are blocks for the device. each: triangles of a block as the caller wants, or 0.
 // kernel: of kShareThreads threads a block.
@@ -101,9 +110,12 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   if (each == 0) {
     s->each = 8;
     while (s->each < kWarp && total > (int64_t)resident * s->each) s->each *= 2;
-    if (total > resident * (pixels >= kSmallShare * total ? kMostTogether : kMostTogether / 4)) s->each = kShareThreads;
-    if (s->each == kShareThreads && projected && pixels <= kTinyPixels * total) s->each *= kMostBatches;
+    const double pixels_each = (double)pixels / (double)max_of<int64_t>(total, 1);
+    if (total > resident * (pixels_each >= kSmallShare ? kMostTogether : kMostTogether / 4)) s->each = kShareThreads;
+    if (projected && pixels_each <= kTinyPixels && total > (int64_t)resident * kMostBatches * kShareThreads / 2)
+      s->each = kMostBatches * kShareThreads;
   }
+  s->even_out = (double)pixels >= kUnevenPixels * (double)total;
   s->blocks = (uint32_t)((f.count + s->each - 1) / s->each);
   s->ranges = nullptr;
   *blocks = max_of<int64_t>(1, (int64_t)s->blocks * f.views);
@@ -130,8 +142,9 @@ static_assert(sizeof(RowTriangle) >= sizeof(Record) && sizeof(RowTriangle) * kWa
 // Shared memory of a block.
 struct ShareShared {
   WarpShared warp[kShareWarps];
-  int rows;       // triangles that are drawn together
-  unsigned clip;  // bit k: triangle k of the share has to be clipped
+  unsigned clip;           // bit k: triangle k of a share that is drawn together has to be clipped
+  int rows[kShareWarps];   // triangles of each warp that are drawn by rows
+  int boxes[kShareWarps];  // pixels of their bboxes
   __device__ ShareShared() {}
 };
 static_assert(sizeof(ShareShared) <= 48 * 1024, "as much as a block can have without asking");
@@ -218,6 +231,28 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
   return file(part, f.first_triangle + t, view, have, widest, s);
 }
 
+// Notes how many triangles a warp draws by rows, and the pixels of their bboxes. By all lanes.
+__device__ __forceinline__ void note_rows(ShareShared* shared, const WarpShared* s, int warp, int count) {
+  const bool have = lane_id() < count;
+  const int pixels = have ? s->triangle[lane_id()].columns() * s->triangle[lane_id()].rows() : 0;
+  const int all = warp_sum_up_to(pixels);
+  if (lane_id() == kWarp - 1) {
+    shared->rows[warp] = count;
+    shared->boxes[warp] = all;
+  }
+}
+
+// Whether one warp has so much more to draw than the others that it should not be left alone with it.
+__device__ __forceinline__ bool are_uneven(const int boxes[kShareWarps]) {
+  constexpr int kMuch = 2048;
+  int most = 0, all = 0;
+  for (int k = 0; k < kShareWarps; ++k) {
+    most = max_of(most, boxes[k]);
+    all += boxes[k];
+  }
+  return most > kMuch && most > 2 * (all / kShareWarps);
+}
+
 // Sets up a block's share and draws what fits by rows. What is left goes to rest(view, records, their number), which
 // all lanes of a warp call after the kernels in front have ended. Parts of clipped triangles take the same way as whole
 // triangles. projected: the vertices of all views, or null. By all threads of a block of kShareThreads.
@@ -295,39 +330,63 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       }
       filed = file(p, f.first_triangle + t, share.view, have, widest, s);
     }
-    const RowTriangle* triangles = s->triangle;
-    int first = 0, step = kWarp;
+    // This warp draws triangles of warps owner, ..., owners - 1, and of their rows every step-th 32 from `first` on.
+    int owner = warp, owners = warp + 1, first = 0, step = kWarp;
+    bool shared_rows = false;
     if (kTogether) {
       if (threadIdx.x == 0) {
-        shared->rows = filed.rows;
+        shared->rows[0] = filed.rows;
         shared->clip = clip;
       }
       __syncthreads();
-      triangles = shared->warp[0].triangle;
-      filed.rows = shared->rows;
-      first = warp * kWarp;
-      step = kShareThreads;
+      shared_rows = true;
+      owner = 0;
+      owners = 1;
       // Those to be clipped go round among the other warps: warp 0's memory is in use.
       unsigned mine = 0, all = shared->clip;
       for (int turn = 1; all; turn = turn % (kShareWarps - 1) + 1, all &= all - 1)
         if (turn == warp) mine |= all & -all;
       clip = mine;
     }
+    if (kWay == Way::kApart && sharing.even_out) {
+      note_rows(shared, s, warp, filed.rows);
+      __syncthreads();
+      shared_rows = are_uneven(shared->boxes);
+      if (shared_rows) {
+        owner = 0;
+        owners = kShareWarps;
+      }
+    }
+    if (shared_rows) {
+      first = warp * kWarp;
+      step = kShareThreads;
+    }
 #pragma unroll 1
     for (;;) {
-      draw_rows(pixels, f.view.width, triangles, filed.rows, first, step, &s->rows);
+#pragma unroll 1
+      for (; owner < owners; ++owner) {
+        const int count = shared_rows ? shared->rows[owner] : filed.rows;
+        if (count == 0) continue;
+        const int rows = draw_rows(pixels, f.view.width, shared->warp[owner].triangle, count, first, step, &s->rows);
+        // The next warp's rows go on where these end.
+        if (shared_rows) first = (first - (rows + kWarp - 1) / kWarp * kWarp) & (kShareThreads - 1);
+      }
       if (filed.rest > 0) {
         wait_for_previous();
         rest(share.view, s->records_end() - filed.rest, filed.rest);
       }
+      // Nobody reads this warp's memory any more.
+      if (kWay == Way::kApart && shared_rows) __syncthreads();
       if (!clip) break;
       const int number = __ffs(clip) - 1;
       filed = clip_and_file(f, share.view,
                             kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), widest, s);
       clip &= clip - 1;
-      triangles = s->triangle;
+      shared_rows = false;
+      owner = warp;
       first = 0;
       step = kWarp;
+      owners = warp + 1;
     }
     __syncwarp();
   } while (kWay == Way::kTested && (next < end || waiting > 0));

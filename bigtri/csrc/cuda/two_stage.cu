@@ -127,7 +127,8 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
     const auto kernel = way == Way::kTogether ? set_up_and_enqueue<Way::kTogether>
                         : way == Way::kApart  ? set_up_and_enqueue<Way::kApart>
                                               : set_up_and_enqueue<Way::kTested>;
-    BIGTRI_CUDA(launch_next(kernel, set_up_blocks, kShareThreads, 0, stream, f, q, sharing, v.rows > 0 ? (int)v.rows : 192));
+    BIGTRI_CUDA(launch_next(kernel, set_up_blocks, kShareThreads, 0, stream, f, q, sharing,
+                            widest_rows(f, sharing, v.rows)));
     BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, v.blocks, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
   }
