@@ -248,11 +248,9 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   int64_t blocks;
   BIGTRI_CUDA(share_triangles(draw_by_rows<Way::kTogether>, f, r.projected, v.share, &r.sharing, &blocks));
   r.widest = widest_rows(f, r.sharing, v.rows);
-  const Way way = r.sharing.way();
-  const auto kernel = way == Way::kTogether ? draw_by_rows<Way::kTogether>
-                      : way == Way::kApart  ? draw_by_rows<Way::kApart>
-                                            : draw_by_rows<Way::kTested>;
-  BIGTRI_CUDA(launch_next(kernel, blocks, kShareThreads, 0, stream, f, r));
+  BIGTRI_CUDA(with_way(r.sharing.way, [&](auto way) {
+    return launch_next(draw_by_rows<way.value>, blocks, kShareThreads, 0, stream, f, r);
+  }));
   int for_patches;
   BIGTRI_CUDA(blocks_for(draw_waiting<kWarps>, kWarps * kWarp, sizeof(PatchShared<kWarps>),
                          (int64_t)Patch<kWarps>::count(f.view) * f.views, v.blocks, &for_patches));

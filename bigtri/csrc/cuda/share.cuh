@@ -15,6 +15,7 @@ constexpr int kShareWarps = kShareThreads / kWarp;
 // What a block does with its share.
 enum class Way {
   kTogether,  // up to 32 triangles, drawn by all warps together, so that a large one does not hold up a warp
+  kEven,      // each warp sets up 32 of its own, and the others help it where it has far more to draw than they
   kApart,     // each warp draws 32 of its own
   kTested,    // each warp tests many, and draws those that may show, 32 at a time
 };
@@ -30,12 +31,10 @@ struct ViewRange {
 };
 
 struct Sharing {
+  Way way;
   int each;                 // triangles of a block
-  bool even_out;            // whether warps that draw their own may share one's rows, where it has far more than others
   uint32_t blocks;          // of a view, if all draw the same triangles
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
-
-  Way way() const { return each <= kWarp ? Way::kTogether : each <= kShareThreads ? Way::kApart : Way::kTested; }
 };
 
 // A block's share: triangles first, first + step, ... of a view, `count` of them. Those drawn together lie as far apart
@@ -86,16 +85,16 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
   return share;
 }
 
-// Pixels of the image, or of all views, for each triangle: below the first number most triangles cover none, from the
-// second on some may have far more than others, from the third on some may be large.
-constexpr double kTinyPixels = 0.8, kUnevenPixels = 2.5, kSmallShare = 16;
+// Pixels of the image, or of all views, for each triangle: up to the first number most triangles cover none, from the
+// second on some may be large.
+constexpr double kTinyPixels = 0.8, kSmallPixels = 16;
 constexpr int64_t kMostTogether = 512;  // triangles for each block that the device holds at once, if some may be large
 
 // Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones, and where
 // an image has many pixels, what waits for blocks that own them takes long to begin.
 inline int widest_rows(const Frame& f, const Sharing& s, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
-  if (s.way() != Way::kTogether && !s.even_out) return 64;
+  if (s.way == Way::kApart || s.way == Way::kTested) return 64;
   return (int64_t)f.view.width * f.view.height > (1 << 22) ? kWidestRows : 192;
 }
 
@@ -111,15 +110,35 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
     s->each = 8;
     while (s->each < kWarp && total > (int64_t)resident * s->each) s->each *= 2;
     const double pixels_each = (double)pixels / (double)max_of<int64_t>(total, 1);
-    if (total > resident * (pixels_each >= kSmallShare ? kMostTogether : kMostTogether / 4)) s->each = kShareThreads;
+    if (total > resident * (pixels_each >= kSmallPixels ? kMostTogether : kMostTogether / 4)) s->each = kShareThreads;
     if (projected && pixels_each <= kTinyPixels && total > (int64_t)resident * kMostBatches * kShareThreads / 2)
       s->each = kMostBatches * kShareThreads;
   }
-  s->even_out = (double)pixels >= kUnevenPixels * (double)total;
+  // Where blocks take many turns, they even out by themselves.
+  s->way = s->each <= kWarp           ? Way::kTogether
+           : s->each > kShareThreads ? Way::kTested
+           : total <= (int64_t)resident * kShareThreads ? Way::kEven
+                                                        : Way::kApart;
   s->blocks = (uint32_t)((f.count + s->each - 1) / s->each);
   s->ranges = nullptr;
   *blocks = max_of<int64_t>(1, (int64_t)s->blocks * f.views);
   return cudaSuccess;
+}
+
+template <Way kWay>
+struct WayOf {
+  static constexpr Way value = kWay;
+};
+
+// Calls launch(WayOf<the way>()), for the instance of a kernel.
+template <class Launch>
+cudaError_t with_way(Way way, const Launch& launch) {
+  switch (way) {
+    case Way::kTogether: return launch(WayOf<Way::kTogether>());
+    case Way::kEven: return launch(WayOf<Way::kEven>());
+    case Way::kApart: return launch(WayOf<Way::kApart>());
+    default: return launch(WayOf<Way::kTested>());
+  }
 }
 
 // Shared memory of a warp.
@@ -268,7 +287,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   const int64_t first_vertex = share.view * (f.view_stride / 4);
   int64_t* const pixels = pixels_of(f, share.view);
   // Of this warp: triangles that have not been looked at, [next, end), and how many wait in s->waiting.
-  const int each = kTogether ? 0 : kWay == Way::kApart ? kWarp : sharing.each / kShareWarps;
+  const int each = kTogether ? 0 : kWay == Way::kTested ? sharing.each / kShareWarps : kWarp;
   int32_t next = share.first + warp * each;
   const int32_t end = kTogether ? next : min_of(next + each, share.first + share.count);
   int waiting = 0;
@@ -321,7 +340,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
       dropped += __popc(__ballot_sync(kAllLanes, fate == Fate::kDropped));
       bool have = fate == Fate::kWhole;
-      if (kWay == Way::kApart) {
+      if (kWay == Way::kApart || kWay == Way::kEven) {
         const bool small = have && is_small(p);
         if (__popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
           draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
@@ -348,7 +367,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
         if (turn == warp) mine |= all & -all;
       clip = mine;
     }
-    if (kWay == Way::kApart && sharing.even_out) {
+    if (kWay == Way::kEven) {
       note_rows(shared, s, warp, filed.rows);
       __syncthreads();
       shared_rows = are_uneven(shared->boxes);
@@ -364,19 +383,19 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
 #pragma unroll 1
     for (;;) {
 #pragma unroll 1
-      for (; owner < owners; ++owner) {
+      do {
         const int count = shared_rows ? shared->rows[owner] : filed.rows;
         if (count == 0) continue;
         const int rows = draw_rows(pixels, f.view.width, shared->warp[owner].triangle, count, first, step, &s->rows);
         // The next warp's rows go on where these end.
-        if (shared_rows) first = (first - (rows + kWarp - 1) / kWarp * kWarp) & (kShareThreads - 1);
-      }
+        if (kWay == Way::kEven && shared_rows) first = (first - (rows + kWarp - 1) / kWarp * kWarp) & (kShareThreads - 1);
+      } while (++owner < owners);
       if (filed.rest > 0) {
         wait_for_previous();
         rest(share.view, s->records_end() - filed.rest, filed.rest);
       }
       // Nobody reads this warp's memory any more.
-      if (kWay == Way::kApart && shared_rows) __syncthreads();
+      if (kWay == Way::kEven && shared_rows) __syncthreads();
       if (!clip) break;
       const int number = __ffs(clip) - 1;
       filed = clip_and_file(f, share.view,

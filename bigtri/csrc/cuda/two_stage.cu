@@ -123,12 +123,10 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
     int blocks;
     int64_t set_up_blocks;
     BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kTogether>, f, q.projected, v.share, &sharing, &set_up_blocks));
-    const Way way = sharing.way();
-    const auto kernel = way == Way::kTogether ? set_up_and_enqueue<Way::kTogether>
-                        : way == Way::kApart  ? set_up_and_enqueue<Way::kApart>
-                                              : set_up_and_enqueue<Way::kTested>;
-    BIGTRI_CUDA(launch_next(kernel, set_up_blocks, kShareThreads, 0, stream, f, q, sharing,
-                            widest_rows(f, sharing, v.rows)));
+    const int widest = widest_rows(f, sharing, v.rows);
+    BIGTRI_CUDA(with_way(sharing.way, [&](auto way) {
+      return launch_next(set_up_and_enqueue<way.value>, set_up_blocks, kShareThreads, 0, stream, f, q, sharing, widest);
+    }));
     BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, v.blocks, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
   }
