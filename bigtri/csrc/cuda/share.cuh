@@ -20,7 +20,7 @@ enum class Way {
   kTested,    // each warp tests many, and draws those that may show, 32 at a time
 };
 constexpr int kMostBatches = 8;
-constexpr int kMostlySmall = 24;  // small triangles of a warp's 32 that are worth an own way
+constexpr int kMostlySmall = 24;  // triangles of a warp's 32 with a box of 8x8 px that make boxes worth while
 // Triangles of a block: up to kWarp together, kShareThreads apart, more tested.
 constexpr int64_t kShares[] = {0, 4, 8, 16, kWarp, kShareThreads, kMostBatches* kShareThreads, -1};
 
@@ -88,7 +88,7 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
 // Pixels of the image, or of all views, for each triangle: up to the first number most triangles cover none, from the
 // second on some may be large.
 constexpr double kTinyPixels = 0.8, kSmallPixels = 16;
-constexpr int64_t kMostTogether = 512;  // triangles for each block that the device holds at once, if some may be large
+constexpr int64_t kMostTogether = 224;  // triangles for each block that the device holds at once, if some may be large
 
 // Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones, and where
 // an image has many pixels, what waits for blocks that own them takes long to begin.
@@ -110,7 +110,7 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
     s->each = 8;
     while (s->each < kWarp && total > (int64_t)resident * s->each) s->each *= 2;
     const double pixels_each = (double)pixels / (double)max_of<int64_t>(total, 1);
-    if (total > resident * (pixels_each >= kSmallPixels ? kMostTogether : kMostTogether / 4)) s->each = kShareThreads;
+    if (total > resident * (pixels_each >= kSmallPixels ? kMostTogether : kMostTogether / 2)) s->each = kShareThreads;
     if (projected && pixels_each <= kTinyPixels && total > (int64_t)resident * kMostBatches * kShareThreads / 2)
       s->each = kMostBatches * kShareThreads;
   }
@@ -341,8 +341,8 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       dropped += __popc(__ballot_sync(kAllLanes, fate == Fate::kDropped));
       bool have = fate == Fate::kWhole;
       if (kWay == Way::kApart || kWay == Way::kEven) {
-        const bool small = have && is_small(p);
-        if (__popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
+        const bool small = have && is_small(p), one_box = small && max_of(p.x1 - p.x0, p.y1 - p.y0) <= kBoxSide;
+        if (__popc(__ballot_sync(kAllLanes, one_box)) >= kMostlySmall) {
           draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
           have = have && !small;
         }

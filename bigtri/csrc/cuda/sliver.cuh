@@ -61,8 +61,8 @@ struct Lines {
 };
 
 // In how many bands of rows slivers are drawn, all in one before any in the next: two where half of the image stays in
-// the cache, but not all of it. The lower one comes first, for it is what has been written last. Four fifths of the
-// cache count as the image's: records pass through it too. cache: its bytes; 0: what the device says.
+// the cache, but not all of it. The upper one comes first, for the clear ends there. Four fifths of the cache count as
+// the image's: records pass through it too. cache: its bytes; 0: what the device says.
 inline cudaError_t sliver_bands(const Frame& f, int64_t cache, int* bands) {
   *bands = 1;
   if (f.views > 1) return cudaSuccess;
@@ -269,7 +269,7 @@ __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* recor
     if (one) s->item[atomicAdd(&s->count, 1)] = i;
     __syncthreads();
 #pragma unroll 1
-    for (bool more = true; more;) {  // the last one first: of the last band
+    for (bool more = true; more;) {  // the last one first
       const uint32_t item = s->item[s->count - 1], of_band = item % each();
       if (threadIdx.x < kWords)
         reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] =
@@ -277,7 +277,7 @@ __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* recor
       __syncthreads();
       const bool columns = extent(s->record.x) >= extent(s->record.y);
       if (threadIdx.x == 0) {
-        s->part = lines_of(s->record, columns, (int)(of_band % chunks()), f.view.height, (int)(item / each()), bands);
+        s->part = lines_of(s->record, columns, (int)(of_band % chunks()), f.view.height, bands - 1 - (int)(item / each()), bands);
         --s->count;
       }
       __syncthreads();

@@ -10,7 +10,7 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr int kSmallSide = 8;  // px, of the bbox
+constexpr int kSmallSide = 16;  // px, of the bbox
 constexpr int kSmallExtent = 32 * kSubpixel;  // of the triangle itself, of which the screen may have left only a corner
 constexpr int kBoxSide = 8;  // px; of what a lane finds pixels in at a time
 
