@@ -18,6 +18,7 @@ from . import memory
 
 Array: TypeAlias = "torch.Tensor | NDArray[Any]"
 ArrayT = TypeVar("ArrayT", torch.Tensor, NDArray[Any])
+_NUMPY_DTYPES = {torch.float32: np.dtype(np.float32), torch.int32: np.dtype(np.int32), torch.int64: np.dtype(np.int64)}
 
 
 def choose_backend(op: str, backend: str) -> str:
@@ -108,7 +109,7 @@ def check_tensor(
         if value.dtype != np.dtype(_short(dtype)):
             raise TypeError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
         value = np.asarray(value, order="C")
-        value = torch.from_numpy(value if value.flags.writeable else value.copy())
+        value = _over(value if value.flags.writeable else value.copy())
     check_dense(op, name, value, dtype, shape)
     if value.dtype != dtype:
         raise TypeError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
@@ -128,6 +129,20 @@ def check_tensor(
             warn.once("grad", f"{what}; pass {name}.detach(), or call it under torch.no_grad()", UserWarning)
         value = value.detach()
     return value.contiguous()
+
+
+def as_is(value: Array, dtype: torch.dtype) -> torch.Tensor | None:
+    """What ``check_tensor`` would return without a copy or a warning; None where it has to look closer.
+
+    Shapes, devices and whether there is memory for all elements are not looked at: the operators check those. Not for use
+    under torch.compile.
+    """
+    if isinstance(value, np.ndarray):
+        flags = value.flags
+        return _over(value) if value.dtype == _NUMPY_DTYPES[dtype] and flags.c_contiguous and flags.writeable else None
+    if torch_private.is_plain(value) and value.dtype is dtype and value.is_contiguous() and not value.requires_grad:
+        return value
+    return None
 
 
 def check_dense(op: str, name: str, value: object, dtype: torch.dtype, shape: object) -> None:
@@ -193,7 +208,10 @@ def check_image_size(op: str, name: str, value: object) -> tuple[int, int]:
         TypeError: no pair of integers.
         ValueError: another number of them, or a size that is not 1 to 16384.
     """
-    height, width = check_integers(op, name, value, 2, "(height, width)")
+    if type(value) is tuple and len(value) == 2 and type(value[0]) is int and type(value[1]) is int:
+        height, width = value  # as nearly every caller has it
+    else:
+        height, width = check_integers(op, name, value, 2, "(height, width)")
     if not (1 <= height <= MAX_SIZE and 1 <= width <= MAX_SIZE):
         raise ValueError(f"bigtri.{op}: {name} must be (height, width), 1 to {MAX_SIZE} each, got {(height, width)}")
     return height, width
@@ -268,7 +286,7 @@ def check_output(
         raise wrong(ValueError)
     if not is_contiguous:
         raise wrong(ValueError, f" with strides {out.strides if isinstance(out, np.ndarray) else out.stride()}")
-    tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) else out
+    tensor = _over(out) if isinstance(out, np.ndarray) else out
     if tensor.device != device:
         raise wrong(ValueError, f" on {tensor.device}")
     if not torch.compiler.is_compiling():
@@ -296,6 +314,14 @@ def like(result: torch.Tensor, given: Array) -> Array: ...
 def like(result: torch.Tensor, given: Array) -> Array:
     """``result`` as NumPy if ``given`` is NumPy."""
     return result.numpy() if isinstance(given, np.ndarray) else result
+
+
+def _over(array: NDArray[Any]) -> torch.Tensor:
+    """A tensor over the memory of an array that is C-contiguous and writable."""
+    try:
+        return torch.from_numpy(array)
+    except ValueError:  # a dimension of size 1 may have any stride in NumPy, and torch takes no negative one
+        return torch.from_numpy(array.reshape(-1)).view(array.shape)
 
 
 def _extent(value: torch.Tensor) -> tuple[int, int]:

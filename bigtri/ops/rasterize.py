@@ -25,9 +25,15 @@ class Visibility(NamedTuple):
     """What is visible at each pixel centre; [H, W], or [B, H, W] for a batch. No field requires grad."""
 
     packed: Array  # int64, (depth bits << 32) | triangle; 2^63 - 1 on the background
-    triangle: Array  # int32, index of the nearest triangle; -1 on the background. A view of packed, not a copy.
     depth: Array | None  # float32, window depth in [0, 1], 0 = near; +inf on the background. None where depth=False was passed.
     dropped: Array  # int64 [] or [B], triangles not drawn: a coordinate is NaN or infinite, or (CUDA) an index out of range
+
+    @property
+    def triangle(self) -> Array:
+        """int32, index of the nearest triangle; -1 on the background. A view of ``packed``, not a copy, made when asked for."""
+        if isinstance(self.packed, np.ndarray):
+            return self.packed.view(np.int32)[..., _LOW_HALF::2]
+        return self.packed.view(torch.int32)[..., _LOW_HALF::2]
 
 
 def rasterize(
@@ -88,6 +94,11 @@ def rasterize(
     height, width = arguments.check_image_size(op, "resolution", resolution)
     box = arguments.check_scissor(op, scissor, height, width)
 
+    if chosen == "native" and variant == "auto" and parameters is None and ranges is None and not validate:
+        drawn = _draw_as_is(op, positions, triangles, height, width, cull, box, precision, depth, out)
+        if drawn is not None:
+            return drawn
+
     clip = arguments.check_tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", (2, 3), chosen)
     faces = arguments.check_tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2, chosen)
     arguments.check_size(op, "positions", clip, -1, 4, "x, y, z, w")
@@ -121,14 +132,61 @@ def rasterize(
         picked = next(iter(variants.values())) if variant == "auto" else variants[variant]
         values = native.parameter_values(op, picked, parameters)
         drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, checked_ranges, None)
-        torch.ops.bigtri.rasterize(*drawing, packed, image, dropped, None)
+        torch.ops.bigtri.rasterize.default(*drawing, packed, image, dropped, None)
     else:
         _draw_reference(op, clip, faces, checked_ranges, box, cull, RUNGS[precision], packed, image, dropped)
 
-    triangle = packed.view(torch.int32)[..., _LOW_HALF::2]
+    return _result(positions, packed, image, dropped)
+
+
+def _result(positions: Array, packed: torch.Tensor, image: torch.Tensor | None, dropped: torch.Tensor) -> Visibility:
+    """As NumPy if ``positions`` is NumPy."""
     if isinstance(positions, np.ndarray):
-        return Visibility(packed.numpy(), triangle.numpy(), None if image is None else image.numpy(), dropped.numpy())
-    return Visibility(packed, triangle, image, dropped)
+        return Visibility(packed.numpy(), None if image is None else image.numpy(), dropped.numpy())
+    return Visibility(packed, image, dropped)
+
+
+def _draw_as_is(
+    op: str,
+    positions: Array,
+    triangles: Array,
+    height: int,
+    width: int,
+    cull: str,
+    box: tuple[int, int, int, int],
+    precision: str,
+    depth: bool,
+    out: Array | None,
+) -> Visibility | None:
+    """Draw with the native backend where the operator can take everything as it came; else None, and nothing is written.
+
+    Most calls are like that, and all checks of ``rasterize`` take longer than drawing a small picture. What they check of
+    dense tensors the operator checks too before it draws. Only its texts are others: so here they are not shown, and the
+    caller has the checks say what is wrong.
+    """
+    if torch.compiler.is_compiling():
+        return None
+    clip, faces = arguments.as_is(positions, torch.float32), arguments.as_is(triangles, torch.int32)
+    packed = None if out is None else arguments.as_is(out, torch.int64)
+    if clip is None or faces is None or (packed is None and out is not None) or not 2 <= clip.ndim <= 3:
+        return None
+    rungs = native.REGISTRY.get("cuda" if clip.is_cuda else "cpu")
+    if rungs is None:
+        return None
+    picked = next(iter(rungs[precision].values()))
+    values = native.parameter_values(op, picked, None)
+    views = clip.shape[:-2]
+    shape = (*views, height, width)
+    try:
+        if packed is None:
+            packed = memory.new(clip, shape, torch.int64)
+        image = memory.new(clip, shape, torch.float32) if depth else None
+        dropped = memory.new(clip, views, torch.int64)
+        drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, None, None)
+        torch.ops.bigtri.rasterize.default(*drawing, packed, image, dropped, None)
+    except RuntimeError:
+        return None
+    return _result(positions, packed, image, dropped)
 
 
 def check_indices(op: str, triangles: torch.Tensor, vertices: int) -> None:
