@@ -18,7 +18,10 @@ from . import memory
 
 Array: TypeAlias = "torch.Tensor | NDArray[Any]"
 ArrayT = TypeVar("ArrayT", torch.Tensor, NDArray[Any])
-_NUMPY_DTYPES = {torch.float32: np.dtype(np.float32), torch.int32: np.dtype(np.int32), torch.int64: np.dtype(np.int64)}
+_NUMPY_DTYPES = {
+    **{torch.float32: np.dtype(np.float32), torch.uint8: np.dtype(np.uint8)},
+    **{torch.int32: np.dtype(np.int32), torch.int64: np.dtype(np.int64)},
+}
 
 
 def choose_backend(op: str, backend: str) -> str:
@@ -134,8 +137,7 @@ def check_tensor(
 def as_is(value: Array, dtype: torch.dtype) -> torch.Tensor | None:
     """What ``check_tensor`` would return without a copy or a warning; None where it has to look closer.
 
-    Shapes, devices and whether there is memory for all elements are not looked at: the operators check those. Not for use
-    under torch.compile.
+    Shapes, devices and whether there is memory for all elements are not looked at: the operators check those.
     """
     if isinstance(value, np.ndarray):
         flags = value.flags
@@ -143,6 +145,37 @@ def as_is(value: Array, dtype: torch.dtype) -> torch.Tensor | None:
     if torch_private.is_plain(value) and value.dtype is dtype and value.is_contiguous() and not value.requires_grad:
         return value
     return None
+
+
+def all_as_is(*given: tuple[Array, torch.dtype]) -> list[torch.Tensor]:
+    """``as_is`` of every value with its dtype; empty where it is None for one, and under torch.compile."""
+    tensors: list[torch.Tensor] = []
+    if torch.compiler.is_compiling():
+        return tensors
+    for value, dtype in given:
+        tensor = as_is(value, dtype)
+        if tensor is None:
+            return []
+        tensors.append(tensor)
+    return tensors
+
+
+def run_as_is(
+    operator: Callable[..., None], inputs: tuple[Any, ...], out: Array | None, dtype: torch.dtype, shape: tuple[int, ...]
+) -> torch.Tensor | None:
+    """Call an operator whose last argument is the result, ``out`` or new memory; ``inputs`` begin with a tensor of ``as_is``.
+
+    None, and nothing is written, where the operator refuses one of its arguments. It checks what the functions here check
+    of dense tensors, and first of all. Only its texts are others, so they are not shown: the caller goes on to the checks.
+    """
+    try:
+        result = memory.new(inputs[0], shape, dtype) if out is None else as_is(out, dtype)
+        if result is None:
+            return None
+        operator(*inputs, result)
+    except (RuntimeError, MemoryError):
+        return None
+    return result
 
 
 def check_dense(op: str, name: str, value: object, dtype: torch.dtype, shape: object) -> None:

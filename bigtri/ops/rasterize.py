@@ -158,18 +158,18 @@ def _draw_as_is(
     depth: bool,
     out: Array | None,
 ) -> Visibility | None:
-    """Draw with the native backend where the operator can take everything as it came; else None, and nothing is written.
+    """Draw with the native backend where the operator takes everything as it came; else None, and nothing is written.
 
-    Most calls are like that, and all checks of ``rasterize`` take longer than drawing a small picture. What they check of
-    dense tensors the operator checks too before it draws. Only its texts are others: so here they are not shown, and the
-    caller has the checks say what is wrong.
+    Most calls are like that, and all checks of ``rasterize`` take longer than drawing a small picture. As with
+    ``arguments.run_as_is`` the operator checks what they check, and the caller has them say what is wrong.
     """
-    if torch.compiler.is_compiling():
+    given: list[tuple[Array, torch.dtype]] = [(positions, torch.float32), (triangles, torch.int32)]
+    if out is not None:
+        given.append((out, torch.int64))
+    inputs = arguments.all_as_is(*given)
+    if not inputs or not 2 <= inputs[0].ndim <= 3:
         return None
-    clip, faces = arguments.as_is(positions, torch.float32), arguments.as_is(triangles, torch.int32)
-    packed = None if out is None else arguments.as_is(out, torch.int64)
-    if clip is None or faces is None or (packed is None and out is not None) or not 2 <= clip.ndim <= 3:
-        return None
+    clip, faces = inputs[:2]
     rungs = native.REGISTRY.get("cuda" if clip.is_cuda else "cpu")
     if rungs is None:
         return None
@@ -178,13 +178,12 @@ def _draw_as_is(
     views = clip.shape[:-2]
     shape = (*views, height, width)
     try:
-        if packed is None:
-            packed = memory.new(clip, shape, torch.int64)
+        packed = memory.new(clip, shape, torch.int64) if out is None else inputs[2]
         image = memory.new(clip, shape, torch.float32) if depth else None
         dropped = memory.new(clip, views, torch.int64)
         drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, None, None)
         torch.ops.bigtri.rasterize.default(*drawing, packed, image, dropped, None)
-    except RuntimeError:
+    except (RuntimeError, MemoryError):
         return None
     return _result(positions, packed, image, dropped)
 
