@@ -288,30 +288,41 @@ def check_apart(op: str, output_name: str, output: torch.Tensor, **inputs: torch
 
 
 def check_output(
-    op: str, out: Array | None, dtype: torch.dtype, shape: tuple[int, ...], device: torch.device, **inputs: torch.Tensor
+    op: str,
+    out: Array | None,
+    dtype: torch.dtype,
+    shape: tuple[int, ...],
+    device: torch.device,
+    apart: dict[str, torch.Tensor],
+    argument: str = "out",
 ) -> torch.Tensor:
-    """New memory for a result, or the caller's ``out``, which must be apart from what is read.
+    """New memory for a result, or the caller's ``out``.
+
+    Args:
+        op, argument: for the error text.
+        dtype, shape, device: of the result.
+        apart: what ``out`` must not share memory with, by name, an input first.
 
     Raises:
-        TypeError, ValueError: ``out`` is of another dtype, shape or device, or shares memory with an input; the text names it.
+        TypeError, ValueError: ``out`` is of another dtype, shape or device, or shares memory; the text names it.
     """
 
     def wrong(error: type[Exception], also: str = "") -> Exception:
         wanted = f"{_short(dtype)} {list(shape)}, contiguous, on {device}"
-        return error(f"bigtri.{op}: out must be {wanted}, got {described(out)}{also}")
+        return error(f"bigtri.{op}: {argument} must be {wanted}, got {described(out)}{also}")
 
     if not torch.compiler.is_compiling():
-        for name, value in inputs.items():
+        for name, value in apart.items():
             check_writable_along(op, name, value)
     if out is None:
-        return memory.new(next(iter(inputs.values())), shape, dtype)
+        return memory.new(next(iter(apart.values())), shape, dtype)
     # A NumPy array is looked at as it is: torch takes no other byte order and no negative strides.
     if isinstance(out, np.ndarray):
         if not out.flags.writeable:
-            raise ValueError(f"bigtri.{op}: out must be writable, got a read-only NumPy array")
+            raise ValueError(f"bigtri.{op}: {argument} must be writable, got a read-only NumPy array")
         is_wanted, is_contiguous = out.dtype == np.dtype(_short(dtype)), out.flags.c_contiguous
     else:
-        check_dense(op, "out", out, dtype, list(shape))
+        check_dense(op, argument, out, dtype, list(shape))
         is_wanted, is_contiguous = out.dtype == dtype, out.is_contiguous()
     if not is_wanted:
         raise wrong(TypeError)
@@ -323,11 +334,11 @@ def check_output(
     if tensor.device != device:
         raise wrong(ValueError, f" on {tensor.device}")
     if not torch.compiler.is_compiling():
-        check_own_memory(op, "out", tensor)
+        check_own_memory(op, argument, tensor)
         if tensor.is_neg() or torch_private.is_zero_tensor(tensor):
             raise wrong(ValueError, ", a negated view" if tensor.is_neg() else ", a zero tensor without memory")
-        check_memory(op, "out", tensor)
-        check_apart(op, "out", tensor, **inputs)
+        check_memory(op, argument, tensor)
+        check_apart(op, argument, tensor, **apart)
     return tensor
 
 

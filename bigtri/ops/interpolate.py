@@ -61,7 +61,7 @@ def interpolate(
 
     shape = (*given.shape, values.shape[2])
     inputs = {"visibility": packed, "positions": clip, "triangles": faces, "attributes": values}
-    result = arguments.check_output(op, out, torch.float32, shape, packed.device, **inputs)
+    result = arguments.check_output(op, out, torch.float32, shape, packed.device, inputs)
     images = result.view(*packed.shape, values.shape[2])
     if chosen == "native":
         torch.ops.bigtri.interpolate.default(packed, clip, faces, values, precision, images)
@@ -110,7 +110,7 @@ def barycentrics(
             return drawn
     given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
     inputs = {"visibility": packed, "positions": clip, "triangles": faces}
-    result = arguments.check_output(op, out, torch.float32, (*given.shape, 3), packed.device, **inputs)
+    result = arguments.check_output(op, out, torch.float32, (*given.shape, 3), packed.device, inputs)
     images = result.view(*packed.shape, 3)
     if chosen == "native":
         torch.ops.bigtri.barycentrics.default(packed, clip, faces, precision, images)

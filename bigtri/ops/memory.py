@@ -81,8 +81,8 @@ def new(like: torch.Tensor, shape: tuple[int, ...], dtype: torch.dtype) -> torch
     for n in shape:
         size *= n
     if size < SMALLEST or not like.is_cpu:
-        # Sizes one by one: torch takes 0.4 us longer to read them from a tuple.
-        return like.new_empty(*shape, dtype=dtype) if shape else like.new_empty((), dtype=dtype)
+        # Not new_empty(shape): torch takes 0.5 us of 1.5 to read a tuple there.
+        return like.new_empty(*shape, dtype=dtype) if shape else like.new_empty_strided((), (), dtype=dtype)
     buffer = _cache.take(size + _ALIGNMENT)
     begin = -buffer.ctypes.data % _ALIGNMENT
     result: Any = buffer[begin : begin + size]

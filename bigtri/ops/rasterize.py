@@ -51,6 +51,7 @@ def rasterize(
     validate: bool | None = None,
     depth: bool = True,
     out: Array | None = None,
+    depth_out: Array | None = None,
 ) -> Visibility:
     """Find the nearest triangle, and its depth, at every pixel centre. Exact: docs/numerics.md says what the bits are.
 
@@ -74,6 +75,8 @@ def rasterize(
         depth: whether to return the depth image. Without it, 4 bytes a pixel are not written.
         out: int64, contiguous, of ``packed``'s shape, apart from the inputs: written instead of new memory. Large images gain
             from that where earlier results are kept; else ``bigtri.memory`` hands out the memory of those let go.
+        depth_out: float32, contiguous, of ``packed``'s shape, apart from the inputs and ``out``: the depth image is written
+            there instead of to new memory.
 
     Returns:
         Visibility: torch tensors on the device of ``positions``, or NumPy arrays if ``positions`` is one.
@@ -91,11 +94,13 @@ def rasterize(
     arguments.check_choice(op, "cull", cull, CULLS)
     arguments.check_flag(op, "validate", validate, optional=True)
     arguments.check_flag(op, "depth", depth)
+    if depth_out is not None and not depth:
+        raise ValueError(f"bigtri.{op}: depth_out must be None where depth is False, got {arguments.described(depth_out)}")
     height, width = arguments.check_image_size(op, "resolution", resolution)
     box = arguments.check_scissor(op, scissor, height, width)
 
     if chosen == "native" and variant == "auto" and parameters is None and ranges is None and not validate:
-        drawn = _draw_as_is(op, positions, triangles, height, width, cull, box, precision, depth, out)
+        drawn = _draw_as_is(op, positions, triangles, height, width, cull, box, precision, depth, out, depth_out)
         if drawn is not None:
             return drawn
 
@@ -123,9 +128,12 @@ def rasterize(
     inputs = {"positions": clip, "triangles": faces}
     if checked_ranges is not None:
         inputs["ranges"] = checked_ranges
-    packed = arguments.check_output(op, out, torch.int64, shape, clip.device, **inputs)
+    packed = arguments.check_output(op, out, torch.int64, shape, clip.device, inputs)
     dropped = clip.new_empty(shape[:-2], dtype=torch.int64)
-    image = memory.new(clip, shape, torch.float32) if depth else None
+    image = None
+    if depth:
+        apart = inputs if out is None else {**inputs, "out": packed}
+        image = arguments.check_output(op, depth_out, torch.float32, shape, clip.device, apart, "depth_out")
     if chosen == "native":
         if validate:
             check_indices(op, faces, clip.shape[-2])
@@ -157,6 +165,7 @@ def _draw_as_is(
     precision: str,
     depth: bool,
     out: Array | None,
+    depth_out: Array | None,
 ) -> Visibility | None:
     """Draw with the native backend where the operator takes everything as it came; else None, and nothing is written.
 
@@ -166,6 +175,8 @@ def _draw_as_is(
     given: list[tuple[Array, torch.dtype]] = [(positions, torch.float32), (triangles, torch.int32)]
     if out is not None:
         given.append((out, torch.int64))
+    if depth_out is not None:
+        given.append((depth_out, torch.float32))
     inputs = arguments.all_as_is(*given)
     if not inputs or not 2 <= inputs[0].ndim <= 3:
         return None
@@ -179,7 +190,7 @@ def _draw_as_is(
     shape = (*views, height, width)
     try:
         packed = memory.new(clip, shape, torch.int64) if out is None else inputs[2]
-        image = memory.new(clip, shape, torch.float32) if depth else None
+        image = inputs[-1] if depth_out is not None else memory.new(clip, shape, torch.float32) if depth else None
         dropped = memory.new(clip, views, torch.int64)
         drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, None, None)
         torch.ops.bigtri.rasterize.default(*drawing, packed, image, dropped, None)

@@ -71,7 +71,7 @@ def lambert(
     )
 
     checked = {"normals": n, "albedo": base, "ambient": around, "light_directions": directions, "light_colors": colors}
-    result = arguments.check_output(op, out, torch.float32, tuple(n.shape), n.device, **checked)
+    result = arguments.check_output(op, out, torch.float32, tuple(n.shape), n.device, checked)
     if chosen == "native":
         torch.ops.bigtri.lambert.default(n, base, around, directions, colors, result)
     else:
@@ -101,7 +101,7 @@ def encode_srgb(linear: ArrayT, *, backend: str = "auto", out: Array | None = No
 
     values = arguments.check_tensor(op, "linear", linear, torch.float32, "[...]", None, chosen)
     arguments.check_same_device(op, chosen, linear=values)
-    result = arguments.check_output(op, out, torch.uint8, tuple(values.shape), values.device, linear=values)
+    result = arguments.check_output(op, out, torch.uint8, tuple(values.shape), values.device, {"linear": values})
     if chosen == "native":
         thresholds = torch_private.beside(_THRESHOLDS, values)  # on the CPU for a GPU too
         torch.ops.bigtri.encode_srgb.default(values, thresholds, result)

@@ -72,7 +72,8 @@ def sample_texture(
     arguments.check_same_device(op, chosen, uv=coordinates, texture=texels)
 
     shape = (*coordinates.shape[:-1], channels)
-    result = arguments.check_output(op, out, torch.float32, shape, texels.device, texture=texels, uv=coordinates)
+    given = {"texture": texels, "uv": coordinates}
+    result = arguments.check_output(op, out, torch.float32, shape, texels.device, given)
     if chosen == "native":
         torch.ops.bigtri.sample_texture.default(texels, coordinates, filter, wrap, result)
     else:

@@ -226,6 +226,50 @@ def test_errors_name_the_argument(argument, arguments, keywords):
         bigtri.rasterize(*arguments, **keywords)
 
 
+@pytest.mark.parametrize("views", [(), (2,)])
+def test_depth_into_memory_of_the_caller(views, backend):
+    positions = POSITIONS if not views else np.stack([POSITIONS, POSITIONS * np.float32([1, 1, 1, 2])])
+    expected = bigtri.rasterize(positions, TRIANGLES, (8, 9), backend=backend)
+    for out in (None, np.zeros((*views, 8, 9), np.int64)):
+        memory = np.zeros((*views, 8, 9), np.float32)
+        seen = bigtri.rasterize(positions, TRIANGLES, (8, 9), backend=backend, out=out, depth_out=memory)
+        assert np.shares_memory(seen.depth, memory) and np.array_equal(memory, expected.depth)
+        assert np.array_equal(seen.packed, expected.packed)
+        image = torch.zeros(*views, 8, 9)
+        given = torch.from_numpy(positions), torch.from_numpy(TRIANGLES), (8, 9)
+        assert bigtri.rasterize(*given, backend=backend, depth_out=image).depth is image
+        assert np.array_equal(image.numpy(), expected.depth)
+
+
+@pytest.mark.parametrize(
+    ("depth_out", "error", "text"),
+    [
+        ("memory", TypeError, r"must be .*, got str$"),
+        (IMAGE, TypeError, r"must be float32 \[8, 8\], contiguous, on cpu, got int64 \[8, 8\]$"),
+        (np.zeros((8, 9), np.float32), ValueError, r"must be float32 \[8, 8\], contiguous, on cpu, got float32 \[8, 9\]$"),
+        (torch.zeros(1, 8, 8), ValueError, r"must be float32 \[8, 8\], contiguous, on cpu, got float32 \[1, 8, 8\]$"),
+        (torch.zeros(8, 8).t(), ValueError, r"must be .* with strides \(1, 8\)$"),
+        (np.broadcast_to(np.float32(0), (8, 8)), ValueError, "must be writable, got a read-only NumPy array$"),
+        (IMAGE.view(torch.float32).view(-1)[32:96].view(8, 8), ValueError, "must not share memory with out$"),
+    ],
+)
+def test_what_depth_out_may_not_be(depth_out, error, text, backend):
+    with pytest.raises(error, match=rf"bigtri\.rasterize: depth_out {text}"):
+        bigtri.rasterize(P, T, (8, 8), backend=backend, out=IMAGE, depth_out=depth_out)
+
+
+def test_depth_out_over_an_input_and_without_depth(backend):
+    memory = torch.zeros(8, 8)
+    positions = memory.view(-1)[:12].view(3, 4).copy_(P)
+    with pytest.raises(ValueError, match=r"bigtri\.rasterize: depth_out must not share memory with positions$"):
+        bigtri.rasterize(positions, T, (8, 8), backend=backend, depth_out=memory)
+    assert torch.equal(positions, P)
+    with pytest.raises(
+        ValueError, match=r"bigtri\.rasterize: depth_out must be None where depth is False, got float32 \[8, 8\]$"
+    ):
+        bigtri.rasterize(P, T, (8, 8), backend=backend, depth=False, depth_out=memory)
+
+
 def freed(tensor: torch.Tensor, size: int = 0) -> torch.Tensor:
     """A copy that has lost its memory, or all but ``size`` bytes of it."""
     copy = tensor.clone()

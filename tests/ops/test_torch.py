@@ -165,6 +165,12 @@ def test_compile_with_memory_of_the_caller():
     out = torch.empty(height, width, dtype=torch.int64)
     expected = draw(positions, torch.empty_like(out))
     assert torch.equal(compiled(positions, out), expected) and torch.equal(out, expected)
+    image = torch.empty(height, width)
+    with_depth = torch.compile(
+        lambda p, image: bigtri.rasterize(p, triangles, (height, width), depth_out=image).packed, fullgraph=True
+    )
+    assert torch.equal(with_depth(positions, image), bigtri.rasterize(positions, triangles, (height, width)).packed)
+    assert torch.equal(image, bigtri.rasterize(positions, triangles, (height, width)).depth)
     over = out.view(-1).view(torch.float32)[: positions.numel()].view(positions.shape).copy_(positions)
     with pytest.raises((RuntimeError, ValueError), match="bigtri.*must not share memory with positions"):
         torch.compile(draw, fullgraph=True, backend="eager")(over, out)
