@@ -98,5 +98,5 @@ def _is_plain(value: object) -> bool:
 
 # Whether a value is a tensor of torch's own class, dense, on the CPU or CUDA, whose memory reads as what it is: no view that
 # negates, no zeros that lie nowhere, nothing inside torch.vmap, torch.func or functionalization. One question to torch instead
-# of six. Without the names no tensor is known to be plain, and all six are asked.
-is_plain = _is_plain if _dispatch_keys else _never
+# of six. Without one of the names no tensor is known to be plain, and all six are asked.
+is_plain = _is_plain if _dispatch_keys and _PLAIN_KEYS else _never
