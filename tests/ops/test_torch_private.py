@@ -114,7 +114,6 @@ def test_without_any_of_them():
         "_C._has_storage",
         "_C._dispatch_keys",
         "_C.DispatchKey",
-        "_C.DispatchKeySet.raw_repr",
         "Tensor._is_zerotensor",
         "_subclasses.FakeTensor",
     ]
