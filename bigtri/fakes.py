@@ -45,7 +45,7 @@ def _masks(a: dict[str, Any]) -> tuple[torch.Tensor, ...]:
     return masks, torch.empty_like(masks)
 
 
-_READ = {"packed": 3, "positions": 3, "triangles": 2}
+_READ: dict[str, int | tuple[int, ...] | str | None] = {"packed": (2, 3), "positions": "packed", "triangles": 2}
 OPERATORS: dict[str, _Operator] = {
     "rasterize": _Operator(
         {
@@ -68,10 +68,15 @@ OPERATORS: dict[str, _Operator] = {
     ),
     "depth": _Operator({"xy": 3, "z": 2, "area": 1, "spans": 2}, lambda a: a["z"].new_empty((_new_size(),))),
     "visibility": _Operator({"triangle": 1, "spans": 2, "depth": 1, "out": 2}),
-    "interpolate": _Operator({**_READ, "attributes": 3, "out": 4}),
-    "barycentrics": _Operator({**_READ, "out": 4}),
-    "sample_texture": _Operator({"texture": 3, "uv": 2, "out": 2}),
-    "lambert": _Operator({"normals": 2, "albedo": 2, "ambient": 1, "light_directions": 2, "light_colors": 2, "out": 2}),
+    "interpolate": _Operator({**_READ, "attributes": (2, 3), "out": (3, 4)}),
+    "barycentrics": _Operator({**_READ, "out": (3, 4)}),
+    "sample_texture": _Operator({"texture": 3, "uv": None, "out": "uv"}),
+    "lambert": _Operator(
+        {
+            **{"normals": None, "albedo": "normals", "ambient": 1, "light_directions": 2, "light_colors": 2},
+            "out": "normals",
+        }
+    ),
     "encode_srgb": _Operator({"linear": None, "thresholds": 1, "out": "linear"}, anywhere=("thresholds",)),
 }
 

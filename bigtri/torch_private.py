@@ -7,6 +7,8 @@ with an underscore.
 
 from __future__ import annotations
 
+import functools
+import operator
 from typing import Any
 
 import torch
@@ -74,3 +76,27 @@ has_storage = _found(torch, "_C", "_has_storage", otherwise=_has_storage)
 
 # Whether a tensor stands for zeros that lie nowhere.
 is_zero_tensor = _found(torch.Tensor, "_is_zerotensor", otherwise=_is_zero_tensor)
+
+
+def _plain_keys() -> frozenset[int]:
+    """The dispatch keys of an ordinary tensor on the CPU and on CUDA; none where torch has renamed what they are made of."""
+    try:
+        key, key_set = torch._C.DispatchKey, torch._C.DispatchKeySet
+        keys = [(kind, f"Autograd{kind}", "ADInplaceOrView", f"Autocast{kind}") for kind in ("CPU", "CUDA")]
+        return frozenset(functools.reduce(operator.or_, (key_set(getattr(key, k)) for k in each)).raw_repr() for each in keys)
+    except AttributeError:
+        return frozenset()
+
+
+_PLAIN_KEYS = _plain_keys()
+_dispatch_keys = _found(torch, "_C", "_dispatch_keys", otherwise=None)
+
+
+def _is_plain(value: object) -> bool:
+    return type(value) is torch.Tensor and _dispatch_keys(value).raw_repr() in _PLAIN_KEYS
+
+
+# Whether a value is a tensor of torch's own class, dense, on the CPU or CUDA, whose memory reads as what it is: no view that
+# negates, no zeros that lie nowhere, nothing inside torch.vmap, torch.func or functionalization. One question to torch instead
+# of six. Without one of the names no tensor is known to be plain, and all six are asked.
+is_plain = _is_plain if _dispatch_keys and _PLAIN_KEYS else _never

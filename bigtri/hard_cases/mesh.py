@@ -39,11 +39,9 @@ class Backend(NamedTuple):
         seen = rasterize(clip, faces, resolution, backend=self.name, **options)
         if image is not None:
             np.copyto(image, options["out"].cpu().numpy())
-        packed, triangle, dropped = (
-            np.asarray(torch.as_tensor(field).cpu()) for field in (seen.packed, seen.triangle, seen.dropped)
-        )
+        packed, dropped = (np.asarray(torch.as_tensor(field).cpu()) for field in (seen.packed, seen.dropped))
         depth = None if seen.depth is None else np.asarray(torch.as_tensor(seen.depth).cpu())
-        return Visibility(packed, triangle, depth, dropped)
+        return Visibility(packed, depth, dropped)
 
     def setup(self, positions: Any, triangles: Any, resolution: tuple[int, int]) -> Records:
         return stages.setup(positions, triangles, *resolution, backend=self.name)[0]

@@ -18,6 +18,10 @@ from . import memory
 
 Array: TypeAlias = "torch.Tensor | NDArray[Any]"
 ArrayT = TypeVar("ArrayT", torch.Tensor, NDArray[Any])
+_NUMPY_DTYPES = {
+    **{torch.float32: np.dtype(np.float32), torch.uint8: np.dtype(np.uint8)},
+    **{torch.int32: np.dtype(np.int32), torch.int64: np.dtype(np.int64)},
+}
 
 
 def choose_backend(op: str, backend: str) -> str:
@@ -108,7 +112,7 @@ def check_tensor(
         if value.dtype != np.dtype(_short(dtype)):
             raise TypeError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
         value = np.asarray(value, order="C")
-        value = torch.from_numpy(value if value.flags.writeable else value.copy())
+        value = _over(value if value.flags.writeable else value.copy())
     check_dense(op, name, value, dtype, shape)
     if value.dtype != dtype:
         raise TypeError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
@@ -128,6 +132,50 @@ def check_tensor(
             warn.once("grad", f"{what}; pass {name}.detach(), or call it under torch.no_grad()", UserWarning)
         value = value.detach()
     return value.contiguous()
+
+
+def as_is(value: Array, dtype: torch.dtype) -> torch.Tensor | None:
+    """What ``check_tensor`` would return without a copy or a warning; None where it has to look closer.
+
+    Shapes, devices and whether there is memory for all elements are not looked at: the operators check those.
+    """
+    if isinstance(value, np.ndarray):
+        flags = value.flags
+        return _over(value) if value.dtype == _NUMPY_DTYPES[dtype] and flags.c_contiguous and flags.writeable else None
+    if torch_private.is_plain(value) and value.dtype is dtype and value.is_contiguous() and not value.requires_grad:
+        return value
+    return None
+
+
+def all_as_is(*given: tuple[Array, torch.dtype]) -> list[torch.Tensor]:
+    """``as_is`` of every value with its dtype; empty where it is None for one, and under torch.compile."""
+    tensors: list[torch.Tensor] = []
+    if torch.compiler.is_compiling():
+        return tensors
+    for value, dtype in given:
+        tensor = as_is(value, dtype)
+        if tensor is None:
+            return []
+        tensors.append(tensor)
+    return tensors
+
+
+def run_as_is(
+    operator: Callable[..., None], inputs: tuple[Any, ...], out: Array | None, dtype: torch.dtype, shape: tuple[int, ...]
+) -> torch.Tensor | None:
+    """Call an operator whose last argument is the result, ``out`` or new memory; ``inputs`` begin with a tensor of ``as_is``.
+
+    None, and nothing is written, where the operator refuses one of its arguments. It checks what the functions here check
+    of dense tensors, and first of all. Only its texts are others, so they are not shown: the caller goes on to the checks.
+    """
+    try:
+        result = memory.new(inputs[0], shape, dtype) if out is None else as_is(out, dtype)
+        if result is None:
+            return None
+        operator(*inputs, result)
+    except (RuntimeError, MemoryError):
+        return None
+    return result
 
 
 def check_dense(op: str, name: str, value: object, dtype: torch.dtype, shape: object) -> None:
@@ -193,7 +241,10 @@ def check_image_size(op: str, name: str, value: object) -> tuple[int, int]:
         TypeError: no pair of integers.
         ValueError: another number of them, or a size that is not 1 to 16384.
     """
-    height, width = check_integers(op, name, value, 2, "(height, width)")
+    if type(value) is tuple and len(value) == 2 and type(value[0]) is int and type(value[1]) is int:
+        height, width = value  # as nearly every caller has it
+    else:
+        height, width = check_integers(op, name, value, 2, "(height, width)")
     if not (1 <= height <= MAX_SIZE and 1 <= width <= MAX_SIZE):
         raise ValueError(f"bigtri.{op}: {name} must be (height, width), 1 to {MAX_SIZE} each, got {(height, width)}")
     return height, width
@@ -237,30 +288,41 @@ def check_apart(op: str, output_name: str, output: torch.Tensor, **inputs: torch
 
 
 def check_output(
-    op: str, out: Array | None, dtype: torch.dtype, shape: tuple[int, ...], device: torch.device, **inputs: torch.Tensor
+    op: str,
+    out: Array | None,
+    dtype: torch.dtype,
+    shape: tuple[int, ...],
+    device: torch.device,
+    apart: dict[str, torch.Tensor],
+    argument: str = "out",
 ) -> torch.Tensor:
-    """New memory for a result, or the caller's ``out``, which must be apart from what is read.
+    """New memory for a result, or the caller's ``out``.
+
+    Args:
+        op, argument: for the error text.
+        dtype, shape, device: of the result.
+        apart: what ``out`` must not share memory with, by name, an input first.
 
     Raises:
-        TypeError, ValueError: ``out`` is of another dtype, shape or device, or shares memory with an input; the text names it.
+        TypeError, ValueError: ``out`` is of another dtype, shape or device, or shares memory; the text names it.
     """
 
     def wrong(error: type[Exception], also: str = "") -> Exception:
         wanted = f"{_short(dtype)} {list(shape)}, contiguous, on {device}"
-        return error(f"bigtri.{op}: out must be {wanted}, got {described(out)}{also}")
+        return error(f"bigtri.{op}: {argument} must be {wanted}, got {described(out)}{also}")
 
     if not torch.compiler.is_compiling():
-        for name, value in inputs.items():
+        for name, value in apart.items():
             check_writable_along(op, name, value)
     if out is None:
-        return memory.new(next(iter(inputs.values())), shape, dtype)
+        return memory.new(next(iter(apart.values())), shape, dtype)
     # A NumPy array is looked at as it is: torch takes no other byte order and no negative strides.
     if isinstance(out, np.ndarray):
         if not out.flags.writeable:
-            raise ValueError(f"bigtri.{op}: out must be writable, got a read-only NumPy array")
+            raise ValueError(f"bigtri.{op}: {argument} must be writable, got a read-only NumPy array")
         is_wanted, is_contiguous = out.dtype == np.dtype(_short(dtype)), out.flags.c_contiguous
     else:
-        check_dense(op, "out", out, dtype, list(shape))
+        check_dense(op, argument, out, dtype, list(shape))
         is_wanted, is_contiguous = out.dtype == dtype, out.is_contiguous()
     if not is_wanted:
         raise wrong(TypeError)
@@ -268,15 +330,15 @@ def check_output(
         raise wrong(ValueError)
     if not is_contiguous:
         raise wrong(ValueError, f" with strides {out.strides if isinstance(out, np.ndarray) else out.stride()}")
-    tensor = torch.from_numpy(out) if isinstance(out, np.ndarray) else out
+    tensor = _over(out) if isinstance(out, np.ndarray) else out
     if tensor.device != device:
         raise wrong(ValueError, f" on {tensor.device}")
     if not torch.compiler.is_compiling():
-        check_own_memory(op, "out", tensor)
+        check_own_memory(op, argument, tensor)
         if tensor.is_neg() or torch_private.is_zero_tensor(tensor):
             raise wrong(ValueError, ", a negated view" if tensor.is_neg() else ", a zero tensor without memory")
-        check_memory(op, "out", tensor)
-        check_apart(op, "out", tensor, **inputs)
+        check_memory(op, argument, tensor)
+        check_apart(op, argument, tensor, **apart)
     return tensor
 
 
@@ -296,6 +358,14 @@ def like(result: torch.Tensor, given: Array) -> Array: ...
 def like(result: torch.Tensor, given: Array) -> Array:
     """``result`` as NumPy if ``given`` is NumPy."""
     return result.numpy() if isinstance(given, np.ndarray) else result
+
+
+def _over(array: NDArray[Any]) -> torch.Tensor:
+    """A tensor over the memory of an array that is C-contiguous and writable."""
+    try:
+        return torch.from_numpy(array)
+    except ValueError:  # a dimension of size 1 may have any stride in NumPy, and torch takes no negative one
+        return torch.from_numpy(array.reshape(-1)).view(array.shape)
 
 
 def _extent(value: torch.Tensor) -> tuple[int, int]:

@@ -47,6 +47,10 @@ def interpolate(
     op = "interpolate"
     chosen = arguments.choose_backend(op, backend)
     arguments.check_choice(op, "precision", precision, PRECISIONS)
+    if chosen == "native":
+        drawn = _interpolate_as_is(op, visibility, positions, triangles, (attributes,), precision, out)
+        if drawn is not None:
+            return drawn
     given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
     values = arguments.check_tensor(op, "attributes", attributes, torch.float32, "[V, C] or [B, V, C]", (2, 3), chosen)
     values = values if values.ndim == 3 else values[None]
@@ -57,10 +61,10 @@ def interpolate(
 
     shape = (*given.shape, values.shape[2])
     inputs = {"visibility": packed, "positions": clip, "triangles": faces, "attributes": values}
-    result = arguments.check_output(op, out, torch.float32, shape, packed.device, **inputs)
+    result = arguments.check_output(op, out, torch.float32, shape, packed.device, inputs)
     images = result.view(*packed.shape, values.shape[2])
     if chosen == "native":
-        torch.ops.bigtri.interpolate(packed, clip, faces, values, precision=precision, out=images)
+        torch.ops.bigtri.interpolate.default(packed, clip, faces, values, precision, images)
     else:
         check_indices(op, faces, clip.shape[1])
         values = values.expand(packed.shape[0], -1, -1)
@@ -100,17 +104,43 @@ def barycentrics(
     op = "barycentrics"
     chosen = arguments.choose_backend(op, backend)
     arguments.check_choice(op, "precision", precision, PRECISIONS)
+    if chosen == "native":
+        drawn = _interpolate_as_is(op, visibility, positions, triangles, (), precision, out)
+        if drawn is not None:
+            return drawn
     given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
     inputs = {"visibility": packed, "positions": clip, "triangles": faces}
-    result = arguments.check_output(op, out, torch.float32, (*given.shape, 3), packed.device, **inputs)
+    result = arguments.check_output(op, out, torch.float32, (*given.shape, 3), packed.device, inputs)
     images = result.view(*packed.shape, 3)
     if chosen == "native":
-        torch.ops.bigtri.barycentrics(packed, clip, faces, precision=precision, out=images)
+        torch.ops.bigtri.barycentrics.default(packed, clip, faces, precision, images)
     else:
         check_indices(op, faces, clip.shape[1])
         for image, view, p in zip(images, packed, clip, strict=True):
             image.copy_(arguments.on_reference(reference.barycentrics, view, p, faces, RUNGS[precision]))
     return arguments.like(result, given)
+
+
+def _interpolate_as_is(
+    op: str,
+    visibility: Visibility | Array,
+    positions: Array,
+    triangles: Array,
+    attributes: tuple[Array, ...],
+    precision: str,
+    out: Array | None,
+) -> Array | None:
+    """The operator ``op`` on arguments as they came; None where the checks have to look at them. Without attributes: weights."""
+    given: Any = getattr(visibility, "packed", visibility)
+    floats = [(value, torch.float32) for value in (positions, *attributes)]
+    inputs = arguments.all_as_is((given, torch.int64), (triangles, torch.int32), *floats)
+    if not inputs:
+        return None
+    packed, faces, clip, *values = inputs
+    shape = (*packed.shape, *(values[0].shape[-1:] if values else (3,)))
+    operator = torch.ops.bigtri.interpolate.default if values else torch.ops.bigtri.barycentrics.default
+    result = arguments.run_as_is(operator, (packed, clip, faces, *values, precision), out, torch.float32, shape)
+    return None if result is None else arguments.like(result, given)
 
 
 def _drawing(

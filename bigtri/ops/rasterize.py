@@ -25,9 +25,15 @@ class Visibility(NamedTuple):
     """What is visible at each pixel centre; [H, W], or [B, H, W] for a batch. No field requires grad."""
 
     packed: Array  # int64, (depth bits << 32) | triangle; 2^63 - 1 on the background
-    triangle: Array  # int32, index of the nearest triangle; -1 on the background. A view of packed, not a copy.
     depth: Array | None  # float32, window depth in [0, 1], 0 = near; +inf on the background. None where depth=False was passed.
     dropped: Array  # int64 [] or [B], triangles not drawn: a coordinate is NaN or infinite, or (CUDA) an index out of range
+
+    @property
+    def triangle(self) -> Array:
+        """int32, index of the nearest triangle; -1 on the background. A view of ``packed``, not a copy, made when asked for."""
+        if isinstance(self.packed, np.ndarray):
+            return self.packed.view(np.int32)[..., _LOW_HALF::2]
+        return self.packed.view(torch.int32)[..., _LOW_HALF::2]
 
 
 def rasterize(
@@ -45,6 +51,7 @@ def rasterize(
     validate: bool | None = None,
     depth: bool = True,
     out: Array | None = None,
+    depth_out: Array | None = None,
 ) -> Visibility:
     """Find the nearest triangle, and its depth, at every pixel centre. Exact: docs/numerics.md says what the bits are.
 
@@ -68,6 +75,8 @@ def rasterize(
         depth: whether to return the depth image. Without it, 4 bytes a pixel are not written.
         out: int64, contiguous, of ``packed``'s shape, apart from the inputs: written instead of new memory. Large images gain
             from that where earlier results are kept; else ``bigtri.memory`` hands out the memory of those let go.
+        depth_out: float32, contiguous, of ``packed``'s shape, apart from the inputs and ``out``: the depth image is written
+            there instead of to new memory.
 
     Returns:
         Visibility: torch tensors on the device of ``positions``, or NumPy arrays if ``positions`` is one.
@@ -85,8 +94,15 @@ def rasterize(
     arguments.check_choice(op, "cull", cull, CULLS)
     arguments.check_flag(op, "validate", validate, optional=True)
     arguments.check_flag(op, "depth", depth)
+    if depth_out is not None and not depth:
+        raise ValueError(f"bigtri.{op}: depth_out must be None where depth is False, got {arguments.described(depth_out)}")
     height, width = arguments.check_image_size(op, "resolution", resolution)
     box = arguments.check_scissor(op, scissor, height, width)
+
+    if chosen == "native" and variant == "auto" and parameters is None and ranges is None and not validate:
+        drawn = _draw_as_is(op, positions, triangles, height, width, cull, box, precision, depth, out, depth_out)
+        if drawn is not None:
+            return drawn
 
     clip = arguments.check_tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", (2, 3), chosen)
     faces = arguments.check_tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2, chosen)
@@ -112,23 +128,75 @@ def rasterize(
     inputs = {"positions": clip, "triangles": faces}
     if checked_ranges is not None:
         inputs["ranges"] = checked_ranges
-    packed = arguments.check_output(op, out, torch.int64, shape, clip.device, **inputs)
+    packed = arguments.check_output(op, out, torch.int64, shape, clip.device, inputs)
     dropped = clip.new_empty(shape[:-2], dtype=torch.int64)
-    image = memory.new(clip, shape, torch.float32) if depth else None
+    image = None
+    if depth:
+        apart = inputs if out is None else {**inputs, "out": packed}
+        image = arguments.check_output(op, depth_out, torch.float32, shape, clip.device, apart, "depth_out")
     if chosen == "native":
         if validate:
             check_indices(op, faces, clip.shape[-2])
         picked = next(iter(variants.values())) if variant == "auto" else variants[variant]
         values = native.parameter_values(op, picked, parameters)
         drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, checked_ranges, None)
-        torch.ops.bigtri.rasterize(*drawing, packed, image, dropped, None)
+        torch.ops.bigtri.rasterize.default(*drawing, packed, image, dropped, None)
     else:
         _draw_reference(op, clip, faces, checked_ranges, box, cull, RUNGS[precision], packed, image, dropped)
 
-    triangle = packed.view(torch.int32)[..., _LOW_HALF::2]
+    return _result(positions, packed, image, dropped)
+
+
+def _result(positions: Array, packed: torch.Tensor, image: torch.Tensor | None, dropped: torch.Tensor) -> Visibility:
+    """As NumPy if ``positions`` is NumPy."""
     if isinstance(positions, np.ndarray):
-        return Visibility(packed.numpy(), triangle.numpy(), None if image is None else image.numpy(), dropped.numpy())
-    return Visibility(packed, triangle, image, dropped)
+        return Visibility(packed.numpy(), None if image is None else image.numpy(), dropped.numpy())
+    return Visibility(packed, image, dropped)
+
+
+def _draw_as_is(
+    op: str,
+    positions: Array,
+    triangles: Array,
+    height: int,
+    width: int,
+    cull: str,
+    box: tuple[int, int, int, int],
+    precision: str,
+    depth: bool,
+    out: Array | None,
+    depth_out: Array | None,
+) -> Visibility | None:
+    """Draw with the native backend where the operator takes everything as it came; else None, and nothing is written.
+
+    Most calls are like that, and all checks of ``rasterize`` take longer than drawing a small picture. As with
+    ``arguments.run_as_is`` the operator checks what they check, and the caller has them say what is wrong.
+    """
+    given: list[tuple[Array, torch.dtype]] = [(positions, torch.float32), (triangles, torch.int32)]
+    if out is not None:
+        given.append((out, torch.int64))
+    if depth_out is not None:
+        given.append((depth_out, torch.float32))
+    inputs = arguments.all_as_is(*given)
+    if not inputs or not 2 <= inputs[0].ndim <= 3:
+        return None
+    clip, faces = inputs[:2]
+    rungs = native.REGISTRY.get("cuda" if clip.is_cuda else "cpu")
+    if rungs is None:
+        return None
+    picked = next(iter(rungs[precision].values()))
+    values = native.parameter_values(op, picked, None)
+    views = clip.shape[:-2]
+    shape = (*views, height, width)
+    try:
+        packed = memory.new(clip, shape, torch.int64) if out is None else inputs[2]
+        image = inputs[-1] if depth_out is not None else memory.new(clip, shape, torch.float32) if depth else None
+        dropped = memory.new(clip, views, torch.int64)
+        drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, None, None)
+        torch.ops.bigtri.rasterize.default(*drawing, packed, image, dropped, None)
+    except (RuntimeError, MemoryError):
+        return None
+    return _result(positions, packed, image, dropped)
 
 
 def check_indices(op: str, triangles: torch.Tensor, vertices: int) -> None:

@@ -45,6 +45,15 @@ def lambert(
     """
     op = "lambert"
     chosen = arguments.choose_backend(op, backend)
+    if chosen == "native":
+        given = (normals, albedo, ambient, light_directions, light_colors)
+        inputs: list[torch.Tensor] = arguments.all_as_is(*((value, torch.float32) for value in given))
+        if inputs:
+            operator, shape = torch.ops.bigtri.lambert.default, inputs[0].shape
+            lit = arguments.run_as_is(operator, tuple(inputs), out, torch.float32, shape)
+            if lit is not None:
+                return arguments.like(lit, normals)
+
     n = arguments.check_tensor(op, "normals", normals, torch.float32, "[..., 3]", None, chosen)
     arguments.check_size(op, "normals", n, -1, 3, "x, y, z")
     base = arguments.check_tensor(op, "albedo", albedo, torch.float32, "[..., 3]", None, chosen)
@@ -61,13 +70,13 @@ def lambert(
         op, chosen, normals=n, albedo=base, ambient=around, light_directions=directions, light_colors=colors
     )
 
-    values = (n.reshape(-1, 3), base.reshape(-1, 3), around, directions, colors)
-    inputs = {"normals": n, "albedo": base, "ambient": around, "light_directions": directions, "light_colors": colors}
-    result = arguments.check_output(op, out, torch.float32, tuple(n.shape), n.device, **inputs)
+    checked = {"normals": n, "albedo": base, "ambient": around, "light_directions": directions, "light_colors": colors}
+    result = arguments.check_output(op, out, torch.float32, tuple(n.shape), n.device, checked)
     if chosen == "native":
-        torch.ops.bigtri.lambert(*values, out=result.view(-1, 3))
+        torch.ops.bigtri.lambert.default(n, base, around, directions, colors, result)
     else:
-        result.copy_(arguments.on_reference(reference.lambert, *values).view(n.shape))
+        rows = n.reshape(-1, 3), base.reshape(-1, 3)
+        result.copy_(arguments.on_reference(reference.lambert, *rows, around, directions, colors).view(n.shape))
     return arguments.like(result, normals)
 
 
@@ -82,11 +91,20 @@ def encode_srgb(linear: ArrayT, *, backend: str = "auto", out: Array | None = No
     """
     op = "encode_srgb"
     chosen = arguments.choose_backend(op, backend)
+    if chosen == "native":
+        inputs: list[torch.Tensor] = arguments.all_as_is((linear, torch.float32))
+        if inputs:
+            operator, shape = torch.ops.bigtri.encode_srgb.default, inputs[0].shape
+            codes = arguments.run_as_is(operator, (*inputs, _THRESHOLDS), out, torch.uint8, shape)
+            if codes is not None:
+                return arguments.like(codes, linear)
+
     values = arguments.check_tensor(op, "linear", linear, torch.float32, "[...]", None, chosen)
     arguments.check_same_device(op, chosen, linear=values)
-    result = arguments.check_output(op, out, torch.uint8, tuple(values.shape), values.device, linear=values)
+    result = arguments.check_output(op, out, torch.uint8, tuple(values.shape), values.device, {"linear": values})
     if chosen == "native":
-        torch.ops.bigtri.encode_srgb(values, torch_private.beside(_THRESHOLDS, values), out=result)  # on the CPU for a GPU too
+        thresholds = torch_private.beside(_THRESHOLDS, values)  # on the CPU for a GPU too
+        torch.ops.bigtri.encode_srgb.default(values, thresholds, result)
     else:
         result.copy_(arguments.on_reference(reference.encode_srgb, values))
     return arguments.like(result, linear)

@@ -49,13 +49,21 @@ def sample_texture(
     chosen = arguments.choose_backend(op, backend)
     arguments.check_choice(op, "filter", filter, FILTERS)
     arguments.check_choice(op, "wrap", wrap, WRAPS)
+    if chosen == "native":
+        inputs: list[torch.Tensor] = arguments.all_as_is((texture, torch.float32), (uv, torch.float32))
+        if inputs and not _has_channels_first(inputs[0].shape):
+            operator, shape = torch.ops.bigtri.sample_texture.default, (*inputs[1].shape[:-1], *inputs[0].shape[2:])
+            looked_up = arguments.run_as_is(operator, (*inputs, filter, wrap), out, torch.float32, shape)
+            if looked_up is not None:
+                return arguments.like(looked_up, uv)
+
     texels = arguments.check_tensor(op, "texture", texture, torch.float32, "[Ht, Wt, C]", 3, chosen)
     height, width, channels = (int(n) for n in texels.shape)
     if height == 0 or width == 0:
         raise ValueError(f"bigtri.{op}: texture must have at least one texel, got {list(texels.shape)}")
     if height > MAX_TEXTURE or width > MAX_TEXTURE:
         raise ValueError(f"bigtri.{op}: texture must be at most {MAX_TEXTURE} px a side, got {list(texels.shape)}")
-    if not torch.compiler.is_compiling() and height in _PICTURE_CHANNELS and min(width, channels) >= _PICTURE_SIDE:
+    if not torch.compiler.is_compiling() and _has_channels_first(texels.shape):
         what = f"texture {list(texels.shape)} is read as [Ht, Wt, C]: {height} px high, of {channels} channels"
         advice = "if it is [C, Ht, Wt], pass texture.permute(1, 2, 0)"
         warn.once("texture", f"bigtri.{op}: {what}; {advice}", UserWarning)
@@ -63,11 +71,17 @@ def sample_texture(
     arguments.check_size(op, "uv", coordinates, -1, 2, "u, v")
     arguments.check_same_device(op, chosen, uv=coordinates, texture=texels)
 
-    flat = coordinates.reshape(-1, 2)
     shape = (*coordinates.shape[:-1], channels)
-    result = arguments.check_output(op, out, torch.float32, shape, texels.device, texture=texels, uv=coordinates)
+    given = {"texture": texels, "uv": coordinates}
+    result = arguments.check_output(op, out, torch.float32, shape, texels.device, given)
     if chosen == "native":
-        torch.ops.bigtri.sample_texture(texels, flat, filter=filter, wrap=wrap, out=result.view(-1, channels))
+        torch.ops.bigtri.sample_texture.default(texels, coordinates, filter, wrap, result)
     else:
+        flat = coordinates.reshape(-1, 2)
         result.copy_(arguments.on_reference(reference.sample_texture, texels, flat, filter, wrap).view(shape))
     return arguments.like(result, uv)
+
+
+def _has_channels_first(shape: torch.Size) -> bool:
+    """Whether a texture looks like a picture [C, Ht, Wt]."""
+    return len(shape) == 3 and shape[0] in _PICTURE_CHANNELS and min(shape[1:]) >= _PICTURE_SIDE

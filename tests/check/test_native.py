@@ -189,12 +189,14 @@ def test_a_difference_is_named(monkeypatch):
 
             def call(*arguments, **named):
                 result = getattr(real, name)(*arguments, **named)
-                written = arguments[-4] if name == "rasterize" else named.get("out")  # packed; or what the others write
-                tensors = (written,) if written is not None else result if isinstance(result, tuple) else (result,)
+                # What is written: packed, or the last argument.
+                written = arguments[-4] if name == "rasterize" else named.get("out", arguments[-1])
+                tensors = (written,) if result is None else result if isinstance(result, tuple) else (result,)
                 flat = tensors[self.output].view(-1)
                 flat.view(torch.uint8)[(flat.numel() // 2) * flat.element_size()] ^= 1 << self.bit
                 return result
 
+            call.default = call
             return call
 
     places = {"binning": ("bin",), "tile_mask": ("bin", "tile")}

@@ -109,7 +109,7 @@ def test_views_drawn_together_are_those_drawn_alone(name: str, variant: str) -> 
     ):
         seen = bigtri.rasterize(views, triangles, case.resolution, variant=variant, parameters=parameters)
         for b, one in enumerate(alone):
-            assert same(bigtri.Visibility(seen.packed[b], seen.triangle[b], seen.depth[b], seen.dropped[b]), one), (parameters, b)
+            assert same(bigtri.Visibility(*(field[b] for field in seen)), one), (parameters, b)
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

@@ -13,6 +13,8 @@ from cases import CASES, random_corners, soup
 
 import bigtri
 from bigtri import native
+from bigtri.ops import arguments as checks
+from bigtri.ops.arguments import as_is
 
 POSITIONS = np.array([[-0.5, -0.5, 0, 1], [0.5, -0.5, 0, 1], [0, 0.5, 0, 1]], np.float32)
 TRIANGLES = np.array([[0, 1, 2]], np.int32)
@@ -27,6 +29,7 @@ def test_fields_of_a_visibility(backend):
     v = bigtri.rasterize(torch.from_numpy(POSITIONS), torch.from_numpy(TRIANGLES), (8, 16), backend=backend)
     assert v.packed.dtype == torch.int64 and v.packed.shape == (8, 16)
     assert v.triangle.dtype == torch.int32 and v.triangle.shape == (8, 16)
+    assert np.shares_memory(v.triangle.numpy(), v.packed.numpy())
     assert v.depth.dtype == torch.float32 and v.depth.shape == (8, 16)
     assert v.dropped.dtype == torch.int64 and v.dropped.shape == ()
     background = v.triangle == -1
@@ -151,6 +154,15 @@ def test_memory_of_any_layout(backend):
         assert np.array_equal(bigtri.rasterize(positions, triangles, case.resolution, backend=backend).packed, expected)
 
 
+def test_a_negative_stride_that_leads_nowhere(backend):
+    """An array with one row is contiguous in NumPy whatever the stride of its rows."""
+    one = POSITIONS.reshape(1, 3, 4)
+    expected = bigtri.rasterize(one, TRIANGLES, (1, 8), backend=backend).packed
+    out = np.zeros((1, 1, 8), np.int64)
+    seen = bigtri.rasterize(one[::-1], TRIANGLES[::-1], (1, 8), backend=backend, out=out[::-1])
+    assert (seen.packed != 2**63 - 1).any() and np.array_equal(seen.packed, expected) and np.array_equal(out, expected)
+
+
 P, T = torch.from_numpy(POSITIONS), torch.from_numpy(TRIANGLES)
 IMAGE = torch.zeros(8, 8, dtype=torch.int64)
 with warnings.catch_warnings():
@@ -212,6 +224,50 @@ with warnings.catch_warnings():
 def test_errors_name_the_argument(argument, arguments, keywords):
     with pytest.raises((TypeError, ValueError), match=rf"bigtri\.rasterize: {argument} "):
         bigtri.rasterize(*arguments, **keywords)
+
+
+@pytest.mark.parametrize("views", [(), (2,)])
+def test_depth_into_memory_of_the_caller(views, backend):
+    positions = POSITIONS if not views else np.stack([POSITIONS, POSITIONS * np.float32([1, 1, 1, 2])])
+    expected = bigtri.rasterize(positions, TRIANGLES, (8, 9), backend=backend)
+    for out in (None, np.zeros((*views, 8, 9), np.int64)):
+        memory = np.zeros((*views, 8, 9), np.float32)
+        seen = bigtri.rasterize(positions, TRIANGLES, (8, 9), backend=backend, out=out, depth_out=memory)
+        assert np.shares_memory(seen.depth, memory) and np.array_equal(memory, expected.depth)
+        assert np.array_equal(seen.packed, expected.packed)
+        image = torch.zeros(*views, 8, 9)
+        given = torch.from_numpy(positions), torch.from_numpy(TRIANGLES), (8, 9)
+        assert bigtri.rasterize(*given, backend=backend, depth_out=image).depth is image
+        assert np.array_equal(image.numpy(), expected.depth)
+
+
+@pytest.mark.parametrize(
+    ("depth_out", "error", "text"),
+    [
+        ("memory", TypeError, r"must be .*, got str$"),
+        (IMAGE, TypeError, r"must be float32 \[8, 8\], contiguous, on cpu, got int64 \[8, 8\]$"),
+        (np.zeros((8, 9), np.float32), ValueError, r"must be float32 \[8, 8\], contiguous, on cpu, got float32 \[8, 9\]$"),
+        (torch.zeros(1, 8, 8), ValueError, r"must be float32 \[8, 8\], contiguous, on cpu, got float32 \[1, 8, 8\]$"),
+        (torch.zeros(8, 8).t(), ValueError, r"must be .* with strides \(1, 8\)$"),
+        (np.broadcast_to(np.float32(0), (8, 8)), ValueError, "must be writable, got a read-only NumPy array$"),
+        (IMAGE.view(torch.float32).view(-1)[32:96].view(8, 8), ValueError, "must not share memory with out$"),
+    ],
+)
+def test_what_depth_out_may_not_be(depth_out, error, text, backend):
+    with pytest.raises(error, match=rf"bigtri\.rasterize: depth_out {text}"):
+        bigtri.rasterize(P, T, (8, 8), backend=backend, out=IMAGE, depth_out=depth_out)
+
+
+def test_depth_out_over_an_input_and_without_depth(backend):
+    memory = torch.zeros(8, 8)
+    positions = memory.view(-1)[:12].view(3, 4).copy_(P)
+    with pytest.raises(ValueError, match=r"bigtri\.rasterize: depth_out must not share memory with positions$"):
+        bigtri.rasterize(positions, T, (8, 8), backend=backend, depth_out=memory)
+    assert torch.equal(positions, P)
+    with pytest.raises(
+        ValueError, match=r"bigtri\.rasterize: depth_out must be None where depth is False, got float32 \[8, 8\]$"
+    ):
+        bigtri.rasterize(P, T, (8, 8), backend=backend, depth=False, depth_out=memory)
 
 
 def freed(tensor: torch.Tensor, size: int = 0) -> torch.Tensor:
@@ -287,6 +343,65 @@ def test_functional_and_batched_tensors(backend):
             torch.vmap(bigtri.encode_srgb)(P)
         gradient = torch.func.grad(lambda p: p.sum() + bigtri.rasterize(p, T, (8, 8), backend=backend).triangle.sum())(P)
         assert (gradient == 1).all()
+
+
+class Subclass(torch.Tensor):
+    """A tensor that may do anything when an operator gets it."""
+
+
+READ_ONLY = TRIANGLES.copy()
+READ_ONLY.flags.writeable = False
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        T.long(),
+        T[:, ::2],
+        T.to("meta"),
+        T.to_sparse(),
+        NESTED[1],
+        torch._neg_view(T),
+        torch._efficientzerotensor((1, 3), dtype=torch.int32),
+        torch._to_functional_tensor(T),
+        T.as_subclass(Subclass),
+        TRIANGLES.tolist(),
+        TRIANGLES.astype(">i4"),
+        TRIANGLES[:, ::2],
+        READ_ONLY,
+    ],
+)
+def test_what_is_not_taken_as_it_is(value):
+    """All that an operator would read as something else, or that the checks have something to say about."""
+    for ordinary in (T, T[:1], TRIANGLES):
+        taken = as_is(ordinary, torch.int32)
+        assert taken is not None and np.shares_memory(taken.numpy(), ordinary)
+    assert as_is(value, torch.int32) is None
+
+
+def test_gradients_and_batches_are_not_taken_as_they_are():
+    assert as_is(P, torch.float32) is P and as_is(P.clone().requires_grad_(), torch.float32) is None
+    seen = []
+    torch.vmap(lambda p: (seen.append(as_is(p, torch.float32)), p)[1])(P)
+    torch.func.grad(lambda p: (seen.append(as_is(p, torch.float32)), p.sum())[1])(P)
+    assert seen == [None, None]
+
+
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+def test_one_call_of_the_operator_draws_what_comes_as_it_is(monkeypatch):
+    """The checks cost more than drawing a small picture, and the operator makes them too."""
+
+    def checked(*arguments):
+        raise AssertionError("checked again")
+
+    monkeypatch.setattr(checks, "check_tensor", checked)
+    out = torch.empty(8, 8, dtype=torch.int64)
+    for positions, triangles in ((P, T), (P[None], T), (POSITIONS, TRIANGLES)):
+        image = out if positions is P else None
+        seen = bigtri.rasterize(positions, triangles, (8, 8), cull="back", scissor=(0, 0, 8, 5), out=image)
+        assert (seen.triangle == 0).any()
+    with pytest.raises(AssertionError, match="checked again"):
+        bigtri.rasterize(P, T[:, :2], (8, 8))
 
 
 @pytest.mark.parametrize("index", [-1, 3, 2**31 - 1, -(2**31)])

@@ -91,6 +91,51 @@ def test_the_operator_takes_one_view_or_several():
         call("rasterize", (one[0][0], *one[1:]))
 
 
+def test_the_attribute_operators_take_one_view_or_several():
+    packed, positions, triangles, attributes, precision, out = arguments("interpolate")
+    weights = torch.empty(*packed.shape, 3)
+    call("interpolate", (packed, positions, triangles, attributes, precision, out))
+    call("barycentrics", (packed, positions, triangles, precision, weights))
+    assert out.unique().numel() > 100 and weights.unique().numel() > 100
+    one = packed[0], positions[0], triangles
+    seen, seen_weights, shared = torch.empty_like(out[0]), torch.empty_like(weights[0]), torch.empty_like(out)
+    call("interpolate", (*one, attributes[0], precision, seen))
+    call("barycentrics", (*one, precision, seen_weights))
+    call("interpolate", (packed, positions, triangles, attributes[0], precision, shared))
+    assert torch.equal(seen, out[0]) and torch.equal(seen_weights, weights[0]) and torch.equal(shared, out)
+    for k, wrong, wanted in (
+        (0, packed[0, 0], r"packed must be .*, int64 \[H, W\] or \[B, H, W\], got Long \["),
+        (1, positions, r"positions must be .*, float32 \[V, 4\], as packed is \[H, W\], got Float \["),
+        (3, attributes[0, 0], r"attributes must be .*, float32 \[V, C\] or \[B or 1, V, C\], got Float \[5\]"),
+        (3, attributes[0, 1:], r"attributes must be float32 .* with B and V of positions, .*, got Float \["),
+        (3, attributes.expand(2, -1, -1).contiguous(), r"attributes must be float32 .* with B and V of positions, "),
+        (5, out, r"out must be .*, float32 \[H, W, C\], got Float \[1, "),
+    ):
+        given = [*one, attributes[0], precision, seen]
+        given[k] = wrong
+        with pytest.raises(RuntimeError, match=f"bigtri::interpolate: {wanted}"):
+            call("interpolate", tuple(given))
+
+
+def test_texture_and_lambert_operators_take_rows_in_any_shape():
+    texture, uv, how, wrap, out = arguments("sample_texture")
+    call("sample_texture", (texture, uv, how, wrap, out))
+    normals, albedo, *light, lit = arguments("lambert")
+    call("lambert", (normals, albedo, *light, lit))
+    for part in (lambda rows: rows[0], lambda rows: rows[:8].view(2, 2, 2, -1)):
+        some, shaded = torch.zeros_like(part(out)), torch.zeros_like(part(lit))
+        call("sample_texture", (texture, part(uv), how, wrap, some))
+        call("lambert", (part(normals), part(albedo), *light, shaded))
+        assert torch.equal(some, part(out)) and torch.equal(shaded, part(lit))
+    for wrong in (uv[:, :1].contiguous(), uv[0, 0]):
+        with pytest.raises(RuntimeError, match=r"bigtri::sample_texture: uv must be .*, float32 \[..., 2\], got Float \["):
+            call("sample_texture", (texture, wrong, how, wrap, out))
+    with pytest.raises(RuntimeError, match=r"bigtri::sample_texture: out must be .*, float32 \[..., C\], got Float \["):
+        call("sample_texture", (texture, uv.view(2, -1, 2), how, wrap, out))
+    with pytest.raises(RuntimeError, match=r"bigtri::lambert: albedo must be .*, float32 \[..., 3\] of normals' shape, got"):
+        call("lambert", (normals, albedo[1:], *light, lit))
+
+
 def test_compile_full_graph():
     positions, triangles, resolution = tensors()
     texture = torch.rand(8, 8, 3)
@@ -120,6 +165,12 @@ def test_compile_with_memory_of_the_caller():
     out = torch.empty(height, width, dtype=torch.int64)
     expected = draw(positions, torch.empty_like(out))
     assert torch.equal(compiled(positions, out), expected) and torch.equal(out, expected)
+    image = torch.empty(height, width)
+    with_depth = torch.compile(
+        lambda p, image: bigtri.rasterize(p, triangles, (height, width), depth_out=image).packed, fullgraph=True
+    )
+    assert torch.equal(with_depth(positions, image), bigtri.rasterize(positions, triangles, (height, width)).packed)
+    assert torch.equal(image, bigtri.rasterize(positions, triangles, (height, width)).depth)
     over = out.view(-1).view(torch.float32)[: positions.numel()].view(positions.shape).copy_(positions)
     with pytest.raises((RuntimeError, ValueError), match="bigtri.*must not share memory with positions"):
         torch.compile(draw, fullgraph=True, backend="eager")(over, out)

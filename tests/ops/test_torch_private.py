@@ -112,6 +112,8 @@ def test_without_any_of_them():
         "_is_functional_tensor",
         "_C._functorch.is_batchedtensor",
         "_C._has_storage",
+        "_C._dispatch_keys",
+        "_C.DispatchKey",
         "Tensor._is_zerotensor",
         "_subclasses.FakeTensor",
     ]

@@ -23,7 +23,7 @@ LEFT = [(-1, -1, 0), (0, -1, 0), (-1, 1, 0)]
 def seen(triangle, depth=None) -> Visibility:
     triangle = np.asarray(triangle, np.int32)
     depth = np.where(triangle >= 0, 0.5, np.inf) if depth is None else depth
-    return Visibility(np.zeros(triangle.shape, np.int64), triangle, np.asarray(depth, np.float32), np.zeros((), np.int64))
+    return Visibility(triangle.astype(np.int64), np.asarray(depth, np.float32), np.zeros((), np.int64))
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

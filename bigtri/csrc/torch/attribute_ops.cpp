@@ -12,47 +12,47 @@ void interpolate_pixels(const char* op, const std::string& precision, const Tens
   check_interpolation(op, kCpu, packed, positions, triangles, attributes, out);
   if (out.numel() == 0) return;
   const Parallel parallel = torch_threads();
-  checked_frame(op, parallel, triangles, positions.size(1));
+  checked_frame(op, parallel, triangles, positions.size(-2));
   AttributeJob job = {};
   job.packed = const_data<int64_t>(packed);
   job.positions = const_data<float>(positions);
-  job.vertices = positions.size(1);
+  job.vertices = positions.size(-2);
   job.triangles = const_data<int32_t>(triangles);
   job.triangle_count = triangles.size(0);
-  job.views = packed.size(0);
-  job.height = (int)packed.size(1);
-  job.width = (int)packed.size(2);
-  job.channels = out.size(3);
+  job.views = packed.dim() == 2 ? 1 : packed.size(0);
+  job.height = (int)packed.size(-2);
+  job.width = (int)packed.size(-1);
+  job.channels = out.size(-1);
   if (attributes) {
     job.attributes = const_data<float>(*attributes);
-    job.attribute_view = attributes->size(0) == 1 ? 0 : job.vertices * job.channels;
+    job.attribute_view = attributes_shared(*attributes) ? 0 : job.vertices * job.channels;
   }
   job.out = data<float>(out);
   rung.interpolate(job, parallel);
 }
 
 void interpolate_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, const Tensor& attributes,
-                    std::string precision, const Tensor& out) {
+                    const std::string& precision, const Tensor& out) {
   interpolate_pixels("interpolate", precision, packed, positions, triangles, &attributes, out);
 }
 
-void barycentrics_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, std::string precision,
-                     const Tensor& out) {
+void barycentrics_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles,
+                     const std::string& precision, const Tensor& out) {
   interpolate_pixels("barycentrics", precision, packed, positions, triangles, nullptr, out);
 }
 
-void sample_texture_op(const Tensor& texture, const Tensor& uv, std::string filter, std::string wrap,
+void sample_texture_op(const Tensor& texture, const Tensor& uv, const std::string& filter, const std::string& wrap,
                        const Tensor& out) {
   check_sample(kCpu, texture, uv, filter, wrap, out);
   sample(const_data<float>(texture), (int)texture.size(0), (int)texture.size(1), texture.size(2), const_data<float>(uv),
-         uv.size(0), filter_of(filter), wrap_of(wrap), data<float>(out), torch_threads());
+         uv.numel() / 2, filter_of(filter), wrap_of(wrap), data<float>(out), torch_threads());
 }
 
 void lambert_op(const Tensor& normals, const Tensor& albedo, const Tensor& ambient, const Tensor& directions,
                 const Tensor& colors, const Tensor& out) {
   check_lambert(kCpu, normals, albedo, ambient, directions, colors, out);
   lambert(const_data<float>(normals), const_data<float>(albedo), const_data<float>(ambient),
-          const_data<float>(directions), const_data<float>(colors), directions.size(0), normals.size(0),
+          const_data<float>(directions), const_data<float>(colors), directions.size(0), normals.numel() / 3,
           data<float>(out), torch_threads());
 }
 

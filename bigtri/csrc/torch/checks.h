@@ -19,13 +19,14 @@ namespace bigtri {
 
 using torch::headeronly::ScalarType;
 using torch::stable::Tensor;
+using Sizes = torch::headeronly::IntHeaderOnlyArrayRef;  // borrowed: {-1, 4} as an argument lives as long as the call
 
 // Error texts are made here and not by STD_TORCH_CHECK, which puts the path of this file on the build machine into each
 // of them. They are made without streams: a toolchain that links libstdc++ statically brings a second set of locales,
 // which clashes with that of torch's libstdc++, and printing a number crashes.
 inline std::string text_of(const char* v) { return v; }
 inline std::string text_of(const std::string& v) { return v; }
-inline std::string text_of(const std::vector<int64_t>& shape) {
+inline std::string text_of(Sizes shape) {
   std::string s;
   for (const int64_t size : shape) s += (s.empty() ? "[" : ", ") + std::to_string(size);
   return s.empty() ? "[]" : s + "]";
@@ -60,44 +61,40 @@ inline bool has_memory(const Tensor& t) {
   return t.numel() == 0 || t.storage_offset() + t.numel() <= bytes / (int64_t)t.element_size();
 }
 
-inline std::vector<int64_t> shape_of(const Tensor& t) {
-  const auto sizes = t.sizes();
-  return {sizes.begin(), sizes.end()};
-}
-
 inline std::string describe(const Tensor& t) {
   if (!t.defined()) return "None";
   const auto type = type_of(t);
-  return std::string(type ? torch::headeronly::toString(*type) : "another dtype") + " " + text_of(shape_of(t)) +
+  return std::string(type ? torch::headeronly::toString(*type) : "another dtype") + " " + text_of(t.sizes()) +
          (t.is_cpu() ? " on the CPU" : " on device " + std::to_string(t.get_device_index())) +
          (!t.is_contiguous()       ? ", not contiguous"
           : type && !has_memory(t) ? ", without memory for all of it"
                                    : "");
 }
 
-inline bool fits(const Tensor& t, ScalarType type, const std::vector<int64_t>& shape) {
-  bool ok = type_of(t) == type && t.is_contiguous() && has_memory(t) && t.dim() == (int64_t)shape.size();
-  for (size_t i = 0; ok && i < shape.size(); ++i) ok = shape[i] < 0 || t.size((int64_t)i) == shape[i];
+inline bool fits(const Tensor& t, ScalarType type, Sizes shape) {
+  if (type_of(t) != type || !t.is_contiguous() || !has_memory(t)) return false;
+  const Sizes sizes = t.sizes();
+  bool ok = sizes.size() == shape.size();
+  for (size_t i = 0; ok && i < shape.size(); ++i) ok = shape[i] < 0 || sizes[i] == shape[i];
   return ok;
 }
 
 // A size of -1 in `shape` allows any size. `wanted` says the same for the error text.
-inline void check(const char* op, const char* name, const Tensor& t, ScalarType type, const std::vector<int64_t>& shape,
-                  const char* wanted) {
+inline void check(const char* op, const char* name, const Tensor& t, ScalarType type, Sizes shape, const char* wanted) {
   BIGTRI_CHECK(t.defined() && t.is_cpu() && fits(t, type, shape), "bigtri::", op, ": ", name,
                " must be a contiguous CPU tensor, ", wanted, ", got ", describe(t));
 }
 
-inline void check_cuda(const char* op, const char* name, const Tensor& t, int device, ScalarType type,
-                       const std::vector<int64_t>& shape, const char* wanted) {
+inline void check_cuda(const char* op, const char* name, const Tensor& t, int device, ScalarType type, Sizes shape,
+                       const char* wanted) {
   BIGTRI_CHECK(t.defined() && t.is_cuda() && t.get_device_index() == device && fits(t, type, shape), "bigtri::", op,
                ": ", name, " must be a contiguous tensor on CUDA device ", device, ", ", wanted, ", got ", describe(t));
 }
 
 constexpr int kCpu = -1;
 
-inline void check_on(const char* op, const char* name, const Tensor& t, int device, ScalarType type,
-                     const std::vector<int64_t>& shape, const char* wanted) {
+inline void check_on(const char* op, const char* name, const Tensor& t, int device, ScalarType type, Sizes shape,
+                     const char* wanted) {
   if (device == kCpu)
     check(op, name, t, type, shape, wanted);
   else
@@ -133,15 +130,17 @@ const T* const_data(const Tensor& t) {
   return static_cast<const T*>(t.const_data_ptr());
 }
 
-inline Tensor empty(const std::vector<int64_t>& shape, ScalarType type, int device = kCpu) {
-  using torch::headeronly::DeviceType;
-  const torch::stable::Device place(device == kCpu ? DeviceType::CPU : DeviceType::CUDA,
-                                    (torch::stable::DeviceIndex)device);
-  try {
-    return torch::stable::empty(shape, type, std::nullopt, place);
-  } catch (const std::exception&) {  // not passed on: its text has paths of the machine that built torch
+// New memory, contiguous. torch::stable::empty looks its operator up by name in every call.
+inline Tensor empty(Sizes shape, ScalarType type, int device = kCpu) {
+  std::vector<int64_t> strides(shape.size(), 1);
+  for (size_t i = shape.size(); i-- > 1;) strides[i - 1] = strides[i] * (shape[i] > 1 ? shape[i] : 1);
+  const int32_t dtype = (int32_t)torch::stable::detail::from(type);
+  const int32_t kind = device == kCpu ? aoti_torch_device_type_cpu() : aoti_torch_device_type_cuda();
+  AtenTensorHandle made = nullptr;
+  if (aoti_torch_empty_strided((int64_t)shape.size(), shape.data(), strides.data(), dtype, kind,
+                               device == kCpu ? 0 : device, &made) != AOTI_TORCH_SUCCESS)
     fail("bigtri: no memory for a tensor ", torch::headeronly::toString(type), " ", shape);
-  }
+  return Tensor(made);
 }
 
 // As many threads as torch uses (torch.set_num_threads), of bigtri's own pool. At most 1024, since each takes memory.

@@ -24,11 +24,11 @@ void interpolate_pixels(const char* op, int device, const Tensor& packed, const 
   if (out.numel() == 0) return;
   const torch::stable::accelerator::DeviceGuard guard(device);
   Interpolation job = {};
-  job.batch = packed.size(0);
-  job.height = (int)packed.size(1);
-  job.width = (int)packed.size(2);
-  job.vertices = positions.size(1);
-  job.channels = out.size(3);
+  job.batch = packed.dim() == 2 ? 1 : packed.size(0);
+  job.height = (int)packed.size(-2);
+  job.width = (int)packed.size(-1);
+  job.vertices = positions.size(-2);
+  job.channels = out.size(-1);
   const Tensor scratch = empty({interpolation_scratch(job.batch, job.height, job.width)}, ScalarType::Byte, device);
   job.packed = const_data<int64_t>(packed);
   job.positions = const_data<float>(positions);
@@ -37,7 +37,7 @@ void interpolate_pixels(const char* op, int device, const Tensor& packed, const 
   job.weights = attributes == nullptr;
   if (attributes) {
     job.attributes = const_data<float>(*attributes);
-    job.attribute_view = attributes->size(0) == 1 ? 0 : job.vertices * job.channels;
+    job.attribute_view = attributes_shared(*attributes) ? 0 : job.vertices * job.channels;
   }
   job.out = data<float>(out);
   job.clipped = data<uint32_t>(scratch);
@@ -45,25 +45,25 @@ void interpolate_pixels(const char* op, int device, const Tensor& packed, const 
 }
 
 void interpolate_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles,
-                         const Tensor& attributes, std::string precision, const Tensor& out) {
+                         const Tensor& attributes, const std::string& precision, const Tensor& out) {
   interpolate_pixels("interpolate", device_of({&packed, &positions, &triangles, &attributes, &out}), packed, positions,
                      triangles, &attributes, precision, out);
 }
 
-void barycentrics_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles, std::string precision,
-                          const Tensor& out) {
+void barycentrics_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles,
+                          const std::string& precision, const Tensor& out) {
   interpolate_pixels("barycentrics", device_of({&packed, &positions, &triangles, &out}), packed, positions, triangles,
                      nullptr, precision, out);
 }
 
-void sample_texture_cuda_op(const Tensor& texture, const Tensor& uv, std::string filter, std::string wrap,
+void sample_texture_cuda_op(const Tensor& texture, const Tensor& uv, const std::string& filter, const std::string& wrap,
                             const Tensor& out) {
   const int device = device_of({&texture, &uv, &out});
   check_sample(device, texture, uv, filter, wrap, out);
   if (out.numel() == 0) return;
   const torch::stable::accelerator::DeviceGuard guard(device);
   check_launch("sample_texture", sample_cuda(const_data<float>(texture), (int)texture.size(0), (int)texture.size(1),
-                                             texture.size(2), const_data<float>(uv), uv.size(0), filter_of(filter),
+                                             texture.size(2), const_data<float>(uv), uv.numel() / 2, filter_of(filter),
                                              wrap_of(wrap), data<float>(out), current_stream(device)));
 }
 
@@ -76,7 +76,7 @@ void lambert_cuda_op(const Tensor& normals, const Tensor& albedo, const Tensor& 
   check_launch("lambert",
                lambert_cuda(const_data<float>(normals), const_data<float>(albedo), const_data<float>(ambient),
                             const_data<float>(directions), const_data<float>(colors), directions.size(0),
-                            normals.size(0), data<float>(out), current_stream(device)));
+                            normals.numel() / 3, data<float>(out), current_stream(device)));
 }
 
 void encode_srgb_cuda_op(const Tensor& linear, const Tensor& thresholds, const Tensor& out) {

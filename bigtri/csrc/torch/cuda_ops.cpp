@@ -11,10 +11,11 @@ std::string cuda_variants_op(std::string precision) {
 }
 
 void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
-                       std::string cull, std::vector<int64_t> scissor, std::string variant, std::string precision,
-                       int64_t samples, std::vector<int64_t> parameters, std::optional<Tensor> ranges,
-                       std::optional<Tensor> behind, const Tensor& packed, std::optional<Tensor> depth,
-                       const Tensor& dropped, std::optional<Tensor> counters) {
+                       const std::string& cull, const std::vector<int64_t>& scissor, const std::string& variant,
+                       const std::string& precision, int64_t samples, const std::vector<int64_t>& parameters,
+                       const std::optional<Tensor>& ranges, const std::optional<Tensor>& behind, const Tensor& packed,
+                       const std::optional<Tensor>& depth, const Tensor& dropped,
+                       const std::optional<Tensor>& counters) {
   const char* op = "rasterize";
   const CudaVariant& chosen =
       find_variant(op, find_rung(op, kCudaRungs, precision).variants, variant, precision, " on CUDA");
@@ -40,8 +41,11 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   frame.depth = depth ? data<float>(*depth) : nullptr;
   frame.dropped = data<int64_t>(dropped);
   const torch::stable::accelerator::DeviceGuard guard(device);
-  const Tensor scratch = empty({chosen.scratch_bytes(frame, values.data())}, ScalarType::Byte, device);
-  check_launch(op, chosen.draw(frame, values.data(), scratch.mutable_data_ptr(), current_stream(device)));
+  const int64_t bytes = chosen.scratch_bytes(frame, values.data());
+  std::optional<Tensor> scratch;  // given back when the launches are in the stream: torch reuses it in stream order
+  if (bytes > 0) scratch = empty({bytes}, ScalarType::Byte, device);
+  void* memory = scratch ? scratch->mutable_data_ptr() : nullptr;
+  check_launch(op, chosen.draw(frame, values.data(), memory, current_stream(device)));
 }
 
 }  // namespace

@@ -19,11 +19,11 @@ std::string counters_op() {
   return names;
 }
 
-void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width, std::string cull,
-                  std::vector<int64_t> scissor, std::string variant, std::string precision, int64_t samples,
-                  std::vector<int64_t> parameters, std::optional<Tensor> ranges, std::optional<Tensor> behind,
-                  const Tensor& packed, std::optional<Tensor> depth, const Tensor& dropped,
-                  std::optional<Tensor> counters) {
+void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                  const std::string& cull, const std::vector<int64_t>& scissor, const std::string& variant,
+                  const std::string& precision, int64_t samples, const std::vector<int64_t>& parameters,
+                  const std::optional<Tensor>& ranges, const std::optional<Tensor>& behind, const Tensor& packed,
+                  const std::optional<Tensor>& depth, const Tensor& dropped, const std::optional<Tensor>& counters) {
   const char* op = "rasterize";
   const Viewport view = viewport(op, height, width, cull, scissor);
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
@@ -87,16 +87,16 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
   m.def("scanline(Tensor xy, Tensor bbox, Tensor queue, Tensor touched, Tensor small, *, str precision) -> Tensor");
   m.def("depth(Tensor xy, Tensor z, Tensor area, Tensor spans, *, str precision) -> Tensor");
   m.def("visibility(Tensor triangle, Tensor spans, Tensor depth, *, Tensor(a!) out) -> ()");
-  // The attribute pass.
+  // The attribute pass: as with rasterize, no argument is keyword-only.
   m.def(
-      "interpolate(Tensor packed, Tensor positions, Tensor triangles, Tensor attributes, *, str precision, Tensor(a!) "
+      "interpolate(Tensor packed, Tensor positions, Tensor triangles, Tensor attributes, str precision, Tensor(a!) "
       "out) -> ()");
-  m.def("barycentrics(Tensor packed, Tensor positions, Tensor triangles, *, str precision, Tensor(a!) out) -> ()");
-  m.def("sample_texture(Tensor texture, Tensor uv, *, str filter, str wrap, Tensor(a!) out) -> ()");
+  m.def("barycentrics(Tensor packed, Tensor positions, Tensor triangles, str precision, Tensor(a!) out) -> ()");
+  m.def("sample_texture(Tensor texture, Tensor uv, str filter, str wrap, Tensor(a!) out) -> ()");
   m.def(
-      "lambert(Tensor normals, Tensor albedo, Tensor ambient, Tensor light_directions, Tensor light_colors, *, "
+      "lambert(Tensor normals, Tensor albedo, Tensor ambient, Tensor light_directions, Tensor light_colors, "
       "Tensor(a!) out) -> ()");
-  m.def("encode_srgb(Tensor linear, Tensor thresholds, *, Tensor(a!) out) -> ()");
+  m.def("encode_srgb(Tensor linear, Tensor thresholds, Tensor(a!) out) -> ()");
 }
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CPU, m) { m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_op)); }
