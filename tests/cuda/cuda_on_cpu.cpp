@@ -302,11 +302,11 @@ const char* parameter_name(const char* variant, int i) {
 const int64_t* parameter_range(const char* variant, int i) { return &find_variant(variant)->parameters[i].standard; }
 const int64_t* parameter_only(const char* variant, int i) { return find_variant(variant)->parameters[i].only; }
 
-// One image for each of `views`; view: width, height, scissor x0 y0 x1 y1, cull. depth may be null. 0, or what was
-// refused.
+// One image for each of `views`; view: width, height, scissor x0 y0 x1 y1, cull. depth may be null. ranges: of each view,
+// which then share the positions, or null. 0, or what was refused.
 int draw_on_cpu(const char* variant, int32_t views, const float* positions, int64_t vertices, const int32_t* triangles,
-                int32_t count, const int32_t* view, const int64_t* values, int64_t* packed, float* depth,
-                int64_t* dropped) {
+                int32_t count, const int32_t* ranges, const int32_t* view, const int64_t* values, int64_t* packed,
+                float* depth, int64_t* dropped) {
   using namespace bigtri;
   handle_faults();
   const CudaVariant* chosen = find_variant(variant);
@@ -314,15 +314,17 @@ int draw_on_cpu(const char* variant, int32_t views, const float* positions, int6
   for (int i = 0; chosen->parameters[i].name; ++i)
     if (!chosen->parameters[i].allows(values[i])) return 2;
   const size_t pixels = (size_t)views * view[0] * view[1];
-  const Memory p(views * vertices * 16, 0), t((size_t)count * 12, 0), image(pixels * 8, 0x33), depths(pixels * 4, 0x33),
+  const size_t given = (ranges ? 1 : views) * vertices * 16;
+  const Memory p(given, 0), t((size_t)count * 12, 0), image(pixels * 8, 0x33), depths(pixels * 4, 0x33),
       drops(views * 8, 0x33);
-  if (vertices) memcpy(p.of<float>(), positions, views * vertices * 16);
+  if (given) memcpy(p.of<float>(), positions, given);
   if (count) memcpy(t.of<int32_t>(), triangles, (size_t)count * 12);
   Frame f = {};
   f.positions = p.of<float>();
   f.triangles = t.of<int32_t>();
   f.vertices = vertices;
-  f.view_stride = vertices * 4;
+  f.view_stride = ranges ? 0 : vertices * 4;
+  f.ranges = ranges;
   f.count = count;
   f.views = views;
   f.view = {view[0], view[1], view[2], view[3], view[4], view[5], view[6]};

@@ -62,6 +62,7 @@ class Job(NamedTuple):
     settings: Mapping[str, int]  # parameters; those that the variant does not have are left out
     cull: str = "none"
     scissor: tuple[int, int, int, int] | None = None
+    ranges: NDArray[np.int32] | None = None  # [B, 2]: what each view draws of positions [V, 4]
 
 
 def cuda_headers() -> Path | None:
@@ -170,7 +171,7 @@ def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.
     values = np.array([*settings.values()], np.int64)
     positions = np.ascontiguousarray(job.case.positions, np.float32)
     triangles = np.ascontiguousarray(job.case.triangles, np.int32)
-    views = len(positions) if positions.ndim == 3 else 1
+    views = len(job.ranges) if job.ranges is not None else len(positions) if positions.ndim == 3 else 1
     packed, depth = np.empty(job.packed.shape, np.int64), np.empty(job.packed.shape, np.float32)
     dropped = np.empty(views, np.int64)
     refused = library.draw_on_cpu(
@@ -180,6 +181,7 @@ def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.
         ctypes.c_int64(positions.shape[-2]),
         pointer(triangles),
         len(triangles),
+        None if job.ranges is None else pointer(job.ranges),
         *map(pointer, (view, values, packed, depth, dropped)),
     )
     assert refused == 0, (refused, job.variant, settings)

@@ -178,6 +178,21 @@ def test_views_of_one_mesh(variant: str) -> None:
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
+def test_ranges_of_one_list(variant: str) -> None:
+    """More views than a launch can carry ranges of, and than a warp can look at in one step; some of them empty."""
+    case = case_of("mixed")._replace(resolution=(20, 24))
+    rng = np.random.default_rng(5)
+    first = rng.integers(0, len(case.triangles), 1100)
+    count = np.minimum(rng.integers(0, 9, 1100) * rng.integers(0, 40, 1100), len(case.triangles) - first)
+    ranges = np.stack([first, count], axis=1).astype(np.int32)
+    tensors = torch.from_numpy(case.positions), torch.from_numpy(case.triangles)
+    seen = bigtri.rasterize(*tensors, case.resolution, ranges=torch.from_numpy(ranges))
+    assert seen.depth is not None
+    pictures = seen.packed.numpy(), seen.depth.numpy(), int(seen.dropped.sum())
+    assert_right([Job(case, *pictures, variant, settings, ranges=ranges) for settings in ({}, {"share": 4}, {"share": 2048})])
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("index", [-1, "V", 2**31 - 1, -(2**31)])
 def test_an_index_out_of_range_is_dropped_and_counted(index: int | str, variant: str) -> None:
     case = case_of("mixed")

@@ -34,7 +34,8 @@ struct Frame {
   int64_t* counters;  // out, added to: [kCounters]; null if nothing is counted (counters.h)
   int64_t view_stride;    // floats from one view's positions to the next's; 0 if all views share them
   int32_t first_triangle;  // the id of triangle 0; the others' follow
-  const int32_t* ranges;   // [views, 2], each view's first triangle and number of triangles; null: all in every view
+  // [views, 2], each view's first triangle and number of triangles; null: all in every view. In host memory always.
+  const int32_t* ranges;
 };
 
 // The triangles [first, end) of a view. A triangle's id is its place in the whole list.
@@ -44,6 +45,14 @@ struct Range {
 BIGTRI_HD Range range_of(const Frame& f, int64_t view) {
   if (!f.ranges) return {0, f.count};
   return {f.ranges[2 * view], (int64_t)f.ranges[2 * view] + f.ranges[2 * view + 1]};
+}
+
+// Triangles of all views together.
+inline int64_t triangles_of_all(const Frame& f) {
+  if (!f.ranges) return (int64_t)f.views * f.count;
+  int64_t all = 0;
+  for (int32_t v = 0; v < f.views; ++v) all += f.ranges[2 * v + 1];
+  return all;
 }
 
 // The first pixel of a view.

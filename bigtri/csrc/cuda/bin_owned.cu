@@ -172,6 +172,7 @@ cudaError_t launch_few(const Frame& f, const Values& v, cudaStream_t stream) {
 struct Rows {
   Waiting waiting;
   Vertex* projected;  // the vertices of all views, or null
+  ViewRange* ranges;  // of each view, or null if all draw the same triangles
   Sharing sharing;
   int widest;  // px; a triangle with a longer side of its bbox waits
 };
@@ -179,8 +180,9 @@ struct Rows {
 Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
   Rows r;
   r.waiting =
-      take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, (int64_t)f.views * f.count * kMaxSubTriangles));
+      take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles));
   r.projected = take_projected(scratch, f, v.share > kShareThreads);
+  r.ranges = f.ranges ? scratch->take<ViewRange>(f.views) : nullptr;
   return r;
 }
 
@@ -244,9 +246,10 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   Scratch scratch = {static_cast<char*>(memory)};
   Rows r = take_rows(&scratch, f, v);
   BIGTRI_CUDA(sliver_bands(f, v.cache, &r.waiting.bands));
-  BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
   int64_t blocks;
-  BIGTRI_CUDA(share_triangles(draw_by_rows<Way::kTogether>, f, r.projected, v.share, &r.sharing, &blocks));
+  BIGTRI_CUDA(share_triangles(draw_by_rows<Way::kTogether>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks,
+                              stream));
+  BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
   r.widest = widest_rows(f, r.sharing, v.rows);
   BIGTRI_CUDA(with_way(r.sharing.way, [&](auto way) {
     return launch_next(draw_by_rows<way.value>, blocks, kShareThreads, 0, stream, f, r);

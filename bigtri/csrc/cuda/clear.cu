@@ -51,7 +51,7 @@ Vertex* take_projected(Scratch* scratch, const Frame& f, bool wanted) {
   // A vertex less than triangle corners by half at least, or projecting each one once saves nothing; and many triangles
   // for the image, or set-up is done with projecting its own while the image is cleared.
   const int64_t views = f.view_stride ? f.views : 1, vertices = views * f.vertices,
-                triangles = (int64_t)f.views * f.count;
+                triangles = triangles_of_all(f);
   const int64_t pixels = (int64_t)f.views * f.view.width * f.view.height;
   if (!wanted && (vertices > 2 * triangles || triangles < pixels / kPixelsPerProjected)) return nullptr;
   return scratch->take<Vertex>(vertices);

@@ -5,6 +5,7 @@
 #include "clip.cuh"
 #include "rows.cuh"
 #include "small.cuh"
+#include "view_ranges.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -23,12 +24,6 @@ constexpr int kMostBatches = 8;
 constexpr int kMostlySmall = 24;  // triangles of a warp's 32 with a box of 8x8 px that make boxes worth while
 // Triangles of a block: up to kWarp together, kShareThreads apart, more tested.
 constexpr int64_t kShares[] = {0, 4, 8, 16, kWarp, kShareThreads, kMostBatches* kShareThreads, -1};
-
-// What a view draws, where views draw different triangles.
-struct ViewRange {
-  int32_t first, count;  // triangles
-  uint32_t first_block;  // of the grid
-};
 
 struct Sharing {
   Way way;
@@ -99,12 +94,13 @@ inline int widest_rows(const Frame& f, const Sharing& s, int64_t wanted) {
 }
 
 // Shares triangles so that there are blocks for the device. each: triangles of a block as the caller wants, or 0.
-// kernel: of kShareThreads threads a block.
+// ranges: memory for the views' ranges, or null. kernel: of kShareThreads threads a block.
 template <class Kernel>
-cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64_t each, Sharing* s, int64_t* blocks) {
+cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64_t each, ViewRange* ranges, Sharing* s,
+                            int64_t* blocks, cudaStream_t stream) {
   int resident;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), kShareThreads, 0, &resident));
-  const int64_t total = (int64_t)f.views * f.count, pixels = (int64_t)f.views * f.view.width * f.view.height;
+  const int64_t total = triangles_of_all(f), pixels = (int64_t)f.views * f.view.width * f.view.height;
   s->each = (int)each;
   if (each == 0) {
     s->each = 8;
@@ -120,8 +116,10 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
            : total <= (int64_t)resident * kShareThreads ? Way::kEven
                                                         : Way::kApart;
   s->blocks = (uint32_t)((f.count + s->each - 1) / s->each);
-  s->ranges = nullptr;
-  *blocks = max_of<int64_t>(1, (int64_t)s->blocks * f.views);
+  s->ranges = ranges;
+  *blocks = (int64_t)s->blocks * f.views;
+  if (ranges) BIGTRI_CUDA(launch_ranges(f, s->each, ranges, blocks, stream));
+  *blocks = max_of<int64_t>(1, *blocks);
   return cudaSuccess;
 }
 

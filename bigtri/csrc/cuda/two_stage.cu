@@ -122,7 +122,8 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
     Sharing sharing;
     int blocks;
     int64_t set_up_blocks;
-    BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kTogether>, f, q.projected, v.share, &sharing, &set_up_blocks));
+    BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kTogether>, f, q.projected, v.share, nullptr, &sharing,
+                                &set_up_blocks, stream));
     const int widest = widest_rows(f, sharing, v.rows);
     BIGTRI_CUDA(with_way(sharing.way, [&](auto way) {
       return launch_next(set_up_and_enqueue<way.value>, set_up_blocks, kShareThreads, 0, stream, f, q, sharing, widest);

@@ -21,8 +21,6 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
       find_variant(op, find_rung(op, kCudaRungs, precision).variants, variant, precision, " on CUDA");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
   check_unserved(samples, behind);
-  BIGTRI_CHECK(!ranges, "bigtri::rasterize: ranges must be None on CUDA, where no variant draws ranges yet, got ",
-               describe(*ranges));
   BIGTRI_CHECK(!counters, "bigtri::rasterize: counters must be None on CUDA, where no variant counts, got ",
                describe(*counters));
   BIGTRI_CHECK(positions.defined() && positions.is_cuda(),
@@ -35,7 +33,8 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   frame.positions = const_data<float>(positions);
   frame.triangles = const_data<int32_t>(triangles);
   frame.vertices = positions.size(-2);
-  frame.view_stride = frame.vertices * 4;
+  frame.view_stride = ranges ? 0 : frame.vertices * 4;
+  frame.ranges = ranges ? const_data<int32_t>(*ranges) : nullptr;
   frame.count = (int32_t)triangles.size(0);
   frame.packed = data<int64_t>(packed);
   frame.depth = depth ? data<float>(*depth) : nullptr;
