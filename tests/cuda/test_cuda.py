@@ -79,7 +79,7 @@ def test_the_reference_itself(name, variant, path):
 @pytest.mark.parametrize("name", ["S1", "S2", "S3", "S4f", "S4b", "S6-200k"])
 def test_benchmark_scenes(name, size, variant):
     scene = Scene(name, size=size)
-    for path in ("default", "many") if name.startswith("S6") else PATHS:
+    for path in ("default", "tested") if name.startswith("S6") else PATHS:
         with native.using_parameters(**PATHS[path]):
             assert_same(expected(scene), draw(scene, variant=variant), (scene, path))
 
@@ -90,7 +90,7 @@ def test_benchmark_scenes(name, size, variant):
 )
 def test_scenes_of_many_triangles(name, size, seed, variant):
     scene = Scene(name, seed, size)
-    for path in PATHS if name == "S5" else ("default", "many"):
+    for path in PATHS if name == "S5" else ("default", "apart", "tested"):
         with native.using_parameters(**PATHS[path]):
             assert_same(expected(scene), draw(scene, variant=variant), (scene, path))
 
@@ -289,9 +289,10 @@ def test_settings_are_checked():
         {"queue": 0},
         {"blocks": -1},
         {"few": -1},
-        {"threshold": -1},
+        {"rows": 257},
+        {"share": 5},
         {"cache": -1},
-        {"some": 2**17},
+        {"few": 2**17},
     ):
         (name,) = wrong
         with pytest.raises(ValueError, match=f"using_parameters: {name} must be "), native.using_parameters(**wrong):
@@ -318,12 +319,12 @@ def test_every_rung_has_the_cpu_s_bits(name, precision):
 
 REPEATED = {
     **PATHS,
-    "tiny queue": {"few": 0, "some": 0, "queue": 3},
-    "short lists": {"few": 0, "queue": 600},
+    "tiny queue": {"few": 0, "rows": 8, "queue": 3},
+    "short lists": {"few": 0, "rows": 8, "queue": 600},
     "two bands": {"few": 0, "cache": 400_000},
     "tiny lists": {"few": 65536, "entries": 2},
-    "all queued": {"few": 0, "some": 0, "threshold": 0, "entries": 7},
-    "nothing queued": {"few": 0, "some": 0, "threshold": 10**9},
+    "all queued": {"few": 0, "rows": 1, "entries": 7},
+    "little queued": {"few": 0, "rows": 256},
 }
 
 
