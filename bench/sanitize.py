@@ -28,21 +28,20 @@ from bigtri.study import scenes
 
 PATHS: dict[str, dict[str, int]] = {
     "as it is": {},
-    "some": {"few": 0, "some": 65536},
-    "many": {"few": 0, "some": 0},
-    "many, queue 1": {"few": 0, "some": 0, "queue": 1},
-    "some, two bands, short lists": {"few": 0, "cache": 200_000, "queue": 600},
-    "some, queue 1": {"few": 0, "queue": 1},
-    "many, threshold 1000": {"few": 0, "some": 0, "threshold": 1000},
-    "many, threshold 10^9": {"few": 0, "some": 0, "threshold": 10**9},
+    "rows": {"few": 0},
+    "rows, queue 1": {"few": 0, "rows": 8, "queue": 1},
+    "rows, two bands, short lists": {"few": 0, "rows": 8, "cache": 200_000, "queue": 600},
+    "none by rows": {"few": 0, "rows": 1},
+    "apart": {"few": 0, "share": 256},
+    "tested": {"few": 0, "share": 2048},
     "entries 1": {"entries": 1},
-    "some, entries 1, 4 warps": {"few": 0, "some": 65536, "entries": 1, "warps": 4},
+    "rows, entries 1, 4 warps": {"few": 0, "rows": 8, "entries": 1, "warps": 4},
     "4 warps": {"warps": 4},
     "8 warps": {"warps": 8},
     "16 warps": {"warps": 16},
     "one block": {"blocks": 1},
 }
-QUICK = ("as it is", "16 warps", "some", "many", "many, queue 1", "entries 1")
+QUICK = ("as it is", "16 warps", "rows", "rows, queue 1", "apart", "tested", "entries 1")
 CULLS = ("none", "back")
 
 
