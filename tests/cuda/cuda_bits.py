@@ -26,7 +26,7 @@ PATHS: dict[str, dict[str, int]] = {
     "few warps": {"warps": 4},
     "many warps": {"warps": 16},
     "rows": {"few": 0},
-    "narrow": {"few": 0, "rows": 20},
+    "narrow": {"few": 0, "widest": 20},
     "apart": {"few": 0, "share": 256},
     "tested": {"few": 0, "share": 2048},
 }
@@ -35,7 +35,7 @@ VALUES: dict[str, tuple[int, ...]] = {
     "entries": (1, 2, 352),
     "blocks": (0, 1, 3, 1000),
     "queue": (1, 2, 700),
-    "rows": (0, 1, 64, 256),
+    "widest": (0, 1, 64, 256),
     "share": (4, 32, 256, 2048),
     "cache": (0, 400_000, 800_000),
     "few": (0, 1, 64, 65536),

@@ -289,7 +289,7 @@ def test_settings_are_checked():
         {"queue": 0},
         {"blocks": -1},
         {"few": -1},
-        {"rows": 257},
+        {"widest": 257},
         {"share": 5},
         {"cache": -1},
         {"few": 2**17},
@@ -319,12 +319,12 @@ def test_every_rung_has_the_cpu_s_bits(name, precision):
 
 REPEATED = {
     **PATHS,
-    "tiny queue": {"few": 0, "rows": 8, "queue": 3},
-    "short lists": {"few": 0, "rows": 8, "queue": 600},
+    "tiny queue": {"few": 0, "widest": 8, "queue": 3},
+    "short lists": {"few": 0, "widest": 8, "queue": 600},
     "two bands": {"few": 0, "cache": 400_000},
     "tiny lists": {"few": 65536, "entries": 2},
-    "all queued": {"few": 0, "rows": 1, "entries": 7},
-    "little queued": {"few": 0, "rows": 256},
+    "all queued": {"few": 0, "widest": 1, "entries": 7},
+    "little queued": {"few": 0, "widest": 256},
 }
 
 

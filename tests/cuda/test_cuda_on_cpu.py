@@ -160,7 +160,7 @@ def test_every_rung(name: str, rung: str, variant: str) -> None:
     packed, dropped = reference.rasterize(case.positions, case.triangles, *case.resolution, arithmetic=RUNGS[rung])
     bits = (packed >> 32).astype(np.uint32)
     depth = np.where(packed == BACKGROUND, np.float32(np.inf), bits.view(np.float32))
-    jobs = [Job(case, packed, depth, dropped, variant, settings) for settings in ({}, {"queue": 1}, {"few": 0, "rows": 8})]
+    jobs = [Job(case, packed, depth, dropped, variant, settings) for settings in ({}, {"queue": 1}, {"few": 0, "widest": 8})]
     said = cuda_on_cpu.differences_in_children(cuda_on_cpu.kernels(rung), jobs)
     assert not said, said
 

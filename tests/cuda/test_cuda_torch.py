@@ -186,6 +186,27 @@ def test_a_device_that_is_not_the_current_one(name, variant):
 # --- Graphs and compilation --------------------------------------------------------------------------------------------------
 
 
+def test_ranges_in_a_graph(variant, path):
+    """A batch of different meshes: ranges that overlap, empty ones, more than a launch carries; a graph keeps those that it was
+    captured with."""
+    positions, triangles, _ = uploaded(Scene("mixed"))
+    resolution, total = (37, 50), len(triangles)
+    firsts = torch.arange(0, 600) * 7 % total
+    ranges = torch.stack([firsts, torch.minimum(torch.arange(0, 600) % 250, total - firsts)], dim=1).to(torch.int32)
+    wanted = bigtri.rasterize(positions.cpu(), triangles.cpu(), resolution, ranges=ranges)
+    wanted = Visibility(wanted.packed.to(DEVICE), wanted.depth.to(DEVICE), wanted.dropped.to(DEVICE))
+    assert_same(wanted, bigtri.rasterize(positions, triangles, resolution, ranges=ranges, variant=variant), "eager")
+    given = ranges.clone()
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph):
+        seen = bigtri.rasterize(positions, triangles, resolution, ranges=given, variant=variant)
+    given.zero_()
+    for _ in range(3):
+        seen.packed.zero_()
+        graph.replay()
+        assert_same(wanted, seen, "replayed")
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_graph(name, variant, path):
     """Captured once, replayed with other vertices in the same memory, onto outputs that hold something else."""

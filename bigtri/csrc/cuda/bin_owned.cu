@@ -28,7 +28,7 @@ constexpr int64_t kWarpsAllowed[] = {0, 4, 8, kMostWarps, -1};
   X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,             \
     kMostEntries)                                                                                                     \
   BIGTRI_QUEUE_PARAMETER(X)                                                                                           \
-  BIGTRI_ROWS_PARAMETER(X)                                                                                            \
+  BIGTRI_WIDEST_PARAMETER(X)                                                                                          \
   BIGTRI_SHARE_PARAMETER(X)                                                                                           \
   X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
@@ -179,8 +179,7 @@ struct Rows {
 
 Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
   Rows r;
-  r.waiting =
-      take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles));
+  r.waiting = take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles));
   r.projected = take_projected(scratch, f, v.share > kShareThreads);
   r.ranges = f.ranges ? scratch->take<ViewRange>(f.views) : nullptr;
   return r;
@@ -247,10 +246,10 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   Rows r = take_rows(&scratch, f, v);
   BIGTRI_CUDA(sliver_bands(f, v.cache, &r.waiting.bands));
   int64_t blocks;
-  BIGTRI_CUDA(share_triangles(draw_by_rows<Way::kTogether>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks,
-                              stream));
+  BIGTRI_CUDA(
+      share_triangles(draw_by_rows<Way::kTogether>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
-  r.widest = widest_rows(f, r.sharing, v.rows);
+  r.widest = widest_rows(f, r.sharing, v.widest);
   BIGTRI_CUDA(with_way(r.sharing.way, [&](auto way) {
     return launch_next(draw_by_rows<way.value>, blocks, kShareThreads, 0, stream, f, r);
   }));

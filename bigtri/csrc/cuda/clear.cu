@@ -21,11 +21,11 @@ __global__ void __launch_bounds__(kClearThreads, 4)
   let_next_begin();
   if (blockIdx.x >= clearing_blocks) {
     const int64_t vertices = f.view_stride ? f.views * f.vertices : f.vertices;
-    project_vertices<kVerticesEach>(
-        f, (int64_t)(blockIdx.x - clearing_blocks) * kProjectVertices + threadIdx.x, kClearThreads, vertices,
-        [&](const Vertex& p, int64_t i) {
-          reinterpret_cast<int4*>(projected)[i] = make_int4(p.x, p.y, __float_as_int(p.z), (int)p.flags);
-        });
+    project_vertices<kVerticesEach>(f, (int64_t)(blockIdx.x - clearing_blocks) * kProjectVertices + threadIdx.x,
+                                    kClearThreads, vertices, [&](const Vertex& p, int64_t i) {
+                                      reinterpret_cast<int4*>(projected)[i] =
+                                          make_int4(p.x, p.y, __float_as_int(p.z), (int)p.flags);
+                                    });
     return;
   }
   const int64_t thread = (int64_t)blockIdx.x * kClearThreads + threadIdx.x,
@@ -50,8 +50,7 @@ __global__ void __launch_bounds__(kClearThreads, 4)
 Vertex* take_projected(Scratch* scratch, const Frame& f, bool wanted) {
   // A vertex less than triangle corners by half at least, or projecting each one once saves nothing; and many triangles
   // for the image, or set-up is done with projecting its own while the image is cleared.
-  const int64_t views = f.view_stride ? f.views : 1, vertices = views * f.vertices,
-                triangles = triangles_of_all(f);
+  const int64_t views = f.view_stride ? f.views : 1, vertices = views * f.vertices, triangles = triangles_of_all(f);
   const int64_t pixels = (int64_t)f.views * f.view.width * f.view.height;
   if (!wanted && (vertices > 2 * triangles || triangles < pixels / kPixelsPerProjected)) return nullptr;
   return scratch->take<Vertex>(vertices);
@@ -60,8 +59,10 @@ Vertex* take_projected(Scratch* scratch, const Frame& f, bool wanted) {
 cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, cudaStream_t stream) {
   int processors;
   BIGTRI_CUDA(multiprocessors(&processors));
-  const int64_t pixels = (int64_t)f.views * f.view.width * f.view.height, vertices = f.view_stride ? f.views * f.vertices : f.vertices;
-  const int64_t clearing = min_of<int64_t>((pixels + 2 * kClearThreads - 1) / (2 * kClearThreads), (int64_t)kClearBlocks * processors),
+  const int64_t pixels = (int64_t)f.views * f.view.width * f.view.height,
+                vertices = f.view_stride ? f.views * f.vertices : f.vertices;
+  const int64_t clearing = min_of<int64_t>((pixels + 2 * kClearThreads - 1) / (2 * kClearThreads),
+                                           (int64_t)kClearBlocks * processors),
                 projecting = projected ? (vertices + kProjectVertices - 1) / kProjectVertices : 0;
   return launch_first(clear_frame, projecting + clearing, kClearThreads, 0, stream, f, projected, (unsigned)clearing,
                       zeros);

@@ -33,7 +33,9 @@ struct Waiting {
   __device__ uint64_t* counts() const { return reinterpret_cast<uint64_t*>(sizes - kCounts); }
   static constexpr int kCounts = 6;  // words
   Zeros zeros(int views) const { return {sizes - kCounts, (int64_t)bins * views + kCounts}; }
-  __device__ __forceinline__ int64_t bin(int view, int x, int y) const { return (int64_t)view * bins + y * columns + x; }
+  __device__ __forceinline__ int64_t bin(int view, int x, int y) const {
+    return (int64_t)view * bins + y * columns + x;
+  }
 };
 
 Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t room) {

@@ -14,16 +14,17 @@ namespace bigtri {
     1 << 20)
 #define BIGTRI_QUEUE_PARAMETER(X) \
   X(queue, "records", "that may wait; what finds no room is drawn on the spot, or last", 1 << 18, 1, 1 << 24)
-#define BIGTRI_ROWS_PARAMETER(X)                                                                                      \
-  X(rows, "px",                                                                                                       \
+#define BIGTRI_WIDEST_PARAMETER(X)                                                                                \
+  X(widest, "px",                                                                                                 \
     "longest side of the bbox of a triangle that is drawn by rows at set-up; what is wider waits; 0: 64, 192 or " \
-    "256, by the image and the number of triangles",                                                                 \
+    "256, by the image and the number of triangles",                                                              \
     0, 0, 256)
 // kShares: of share.cuh
-#define BIGTRI_SHARE_PARAMETER(X)                                                                                    \
-  X(share, "triangles",                                                                                              \
-    "of a block that sets up; its warps draw up to 32 together, of more each draws its own; 0: so many that there are " \
-    "blocks for the device",                                                                                         \
+#define BIGTRI_SHARE_PARAMETER(X)                                                                                   \
+  X(share, "triangles",                                                                                             \
+    "of a block that sets up; its warps draw up to 32 together, of more each draws its own; 0: so many that there " \
+    "are "                                                                                                          \
+    "blocks for the device",                                                                                        \
     0, 0, 2048, kShares)
 
 // From a variant's list, X(name, unit, what it is, standard, lowest, highest[, the only ones allowed]) for each, in the

@@ -178,8 +178,8 @@ __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
 // Draws `count` triangles, at most 32, onto a view of this width that the kernels in front have cleared: rows first,
 // first + 1, ..., first + 31, and so on in steps of `step`, so that several warps can share them. Returns the number of
 // rows. By all lanes.
-__device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTriangle* triangles, int count,
-                                          int first, int step, RowShared* s) {
+__device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTriangle* triangles, int count, int first,
+                                         int step, RowShared* s) {
   const int lane = computed_here(lane_id());
   const unsigned lanes_to_here = (unsigned)computed_here((int)(2u << lane) - 1);
   const bool have = lane < count;
@@ -208,14 +208,14 @@ __device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTr
 #pragma unroll
       for (int k = 0; k < 3; ++k) cut_row(r.f[k] + r.sy[k] * down, r.sx[k], &span);
       below = y - (r.y() & -kBin);
-      const double zcell =
-          (right | (below & -kBin)) ? depth_beside(r, right * kBin, below & -kBin) : r.zcell;
+      const double zcell = (right | (below & -kBin)) ? depth_beside(r, right * kBin, below & -kBin) : r.zcell;
       z = plane_row<double>(zcell, r.dzdy, exact_double(y & (kBin - 1)));
       at = (uint32_t)(y * width + left);
       shift = span.lower + x - left;
       thin = r.thin() && span.lower < span.upper;
     }
-    const int length = thin ? 0 : max_of(span.upper - span.lower, 0), sum = warp_sum_up_to(length), pixel = sum - length;
+    const int length = thin ? 0 : max_of(span.upper - span.lower, 0), sum = warp_sum_up_to(length),
+              pixel = sum - length;
     const bool any = length > 0;
     const unsigned filled = __ballot_sync(kAllLanes, any);
     if (any) {
@@ -226,8 +226,8 @@ __device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTr
     __syncwarp();
     wait_for_previous();
     if (thin)
-      draw_thin_row(pixels + (at + (uint32_t)shift), span.upper - span.lower, &r,
-                    span.lower + (r.x() & (kBin - 1)), below);
+      draw_thin_row(pixels + (at + (uint32_t)shift), span.upper - span.lower, &r, span.lower + (r.x() & (kBin - 1)),
+                    below);
     const int pixel_count = __shfl_sync(kAllLanes, sum, kWarp - 1);
     int drawn = 0;
 #pragma unroll 1

@@ -16,19 +16,19 @@ constexpr int kShareWarps = kShareThreads / kWarp;
 // What a block does with its share.
 enum class Way {
   kTogether,  // up to 32 triangles, drawn by all warps together, so that a large one does not hold up a warp
-  kEven,      // each warp sets up 32 of its own, and the others help it where it has far more to draw than they
-  kApart,     // each warp draws 32 of its own
-  kTested,    // each warp tests many, and draws those that may show, 32 at a time
+  kEven,  // each warp sets up 32 of its own, and the others help it where it has far more to draw than they
+  kApart,  // each warp draws 32 of its own
+  kTested,  // each warp tests many, and draws those that may show, 32 at a time
 };
 constexpr int kMostBatches = 8;
 constexpr int kMostlySmall = 24;  // triangles of a warp's 32 with a box of 8x8 px that make boxes worth while
 // Triangles of a block: up to kWarp together, kShareThreads apart, more tested.
-constexpr int64_t kShares[] = {0, 4, 8, 16, kWarp, kShareThreads, kMostBatches* kShareThreads, -1};
+constexpr int64_t kShares[] = {0, 4, 8, 16, kWarp, kShareThreads, kMostBatches * kShareThreads, -1};
 
 struct Sharing {
   Way way;
-  int each;                 // triangles of a block
-  uint32_t blocks;          // of a view, if all draw the same triangles
+  int each;  // triangles of a block
+  uint32_t blocks;  // of a view, if all draw the same triangles
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
 
@@ -111,8 +111,8 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
       s->each = kMostBatches * kShareThreads;
   }
   // Where blocks take many turns, they even out by themselves.
-  s->way = s->each <= kWarp           ? Way::kTogether
-           : s->each > kShareThreads ? Way::kTested
+  s->way = s->each <= kWarp                             ? Way::kTogether
+           : s->each > kShareThreads                    ? Way::kTested
            : total <= (int64_t)resident * kShareThreads ? Way::kEven
                                                         : Way::kApart;
   s->blocks = (uint32_t)((f.count + s->each - 1) / s->each);
@@ -159,8 +159,8 @@ static_assert(sizeof(RowTriangle) >= sizeof(Record) && sizeof(RowTriangle) * kWa
 // Shared memory of a block.
 struct ShareShared {
   WarpShared warp[kShareWarps];
-  unsigned clip;           // bit k: triangle k of a share that is drawn together has to be clipped
-  int rows[kShareWarps];   // triangles of each warp that are drawn by rows
+  unsigned clip;  // bit k: triangle k of a share that is drawn together has to be clipped
+  int rows[kShareWarps];  // triangles of each warp that are drawn by rows
   int boxes[kShareWarps];  // pixels of their bboxes
   __device__ ShareShared() {}
 };
@@ -386,7 +386,8 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
         if (count == 0) continue;
         const int rows = draw_rows(pixels, f.view.width, shared->warp[owner].triangle, count, first, step, &s->rows);
         // The next warp's rows go on where these end.
-        if (kWay == Way::kEven && shared_rows) first = (first - (rows + kWarp - 1) / kWarp * kWarp) & (kShareThreads - 1);
+        if (kWay == Way::kEven && shared_rows)
+          first = (first - (rows + kWarp - 1) / kWarp * kWarp) & (kShareThreads - 1);
       } while (++owner < owners);
       if (filed.rest > 0) {
         wait_for_previous();
@@ -396,8 +397,8 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       if (kWay == Way::kEven && shared_rows) __syncthreads();
       if (!clip) break;
       const int number = __ffs(clip) - 1;
-      filed = clip_and_file(f, share.view,
-                            kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), widest, s);
+      filed = clip_and_file(
+          f, share.view, kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), widest, s);
       clip &= clip - 1;
       shared_rows = false;
       owner = warp;

@@ -277,7 +277,8 @@ __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* recor
       __syncthreads();
       const bool columns = extent(s->record.x) >= extent(s->record.y);
       if (threadIdx.x == 0) {
-        s->part = lines_of(s->record, columns, (int)(of_band % chunks()), f.view.height, bands - 1 - (int)(item / each()), bands);
+        s->part = lines_of(s->record, columns, (int)(of_band % chunks()), f.view.height,
+                           bands - 1 - (int)(item / each()), bands);
         --s->count;
       }
       __syncthreads();

@@ -98,9 +98,8 @@ __device__ __forceinline__ void note_triangle(const Primitive& p, uint32_t trian
 
 // Which pixels of a box of eight a side the lane's triangle covers; upper, lower: four rows each, a byte a row. Notes
 // where the box lies. x, y: its corner, which moves on to the next box; returns whether there is one.
-__device__ __forceinline__ bool find_pixels(int width, const Primitive& p, const Divisor& area,
-                                            const SmallEdges& edges, int* x, int* y, SmallShared::Box* mine,
-                                            uint32_t* upper, uint32_t* lower) {
+__device__ __forceinline__ bool find_pixels(int width, const Primitive& p, const Divisor& area, const SmallEdges& edges,
+                                            int* x, int* y, SmallShared::Box* mine, uint32_t* upper, uint32_t* lower) {
   const int x_end = min_of(p.x1, *x + kBoxSide), y_end = min_of(p.y1, *y + kBoxSide), rows = y_end - *y;
   const int i = *x & (kBin - 1), j = *y & (kBin - 1);
   mine->corner = (uint32_t)(*y * width + *x);  // an image has at most 2^28 pixels

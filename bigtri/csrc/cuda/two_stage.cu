@@ -15,7 +15,7 @@ namespace {
 #define BIGTRI_LIST(X)       \
   BIGTRI_BLOCKS_PARAMETER(X) \
   BIGTRI_QUEUE_PARAMETER(X)  \
-  BIGTRI_ROWS_PARAMETER(X)   \
+  BIGTRI_WIDEST_PARAMETER(X) \
   BIGTRI_SHARE_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
@@ -91,12 +91,12 @@ constexpr int kThreads = 256;
 
 template <Way kWay>
 __global__ void __launch_bounds__(kShareThreads, kShareBlocks)
-    set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ Queue q, const __grid_constant__ Sharing s,
-                       int widest) {
+    set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ Queue q,
+                       const __grid_constant__ Sharing s, int widest) {
   __shared__ ShareShared shared;
   let_next_begin();
   draw_share<kWay>(f, s, q.projected, widest, &shared,
-             [&](int32_t, const Record* records, int count) { queue_or_draw(f, q, records, count); });
+                   [&](int32_t, const Record* records, int count) { queue_or_draw(f, q, records, count); });
 }
 
 __global__ void __launch_bounds__(kThreads)
@@ -124,7 +124,7 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
     int64_t set_up_blocks;
     BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kTogether>, f, q.projected, v.share, nullptr, &sharing,
                                 &set_up_blocks, stream));
-    const int widest = widest_rows(f, sharing, v.rows);
+    const int widest = widest_rows(f, sharing, v.widest);
     BIGTRI_CUDA(with_way(sharing.way, [&](auto way) {
       return launch_next(set_up_and_enqueue<way.value>, set_up_blocks, kShareThreads, 0, stream, f, q, sharing, widest);
     }));

@@ -39,6 +39,7 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   frame.packed = data<int64_t>(packed);
   frame.depth = depth ? data<float>(*depth) : nullptr;
   frame.dropped = data<int64_t>(dropped);
+  if (frame.views == 0) return;
   const torch::stable::accelerator::DeviceGuard guard(device);
   const int64_t bytes = chosen.scratch_bytes(frame, values.data());
   std::optional<Tensor> scratch;  // given back when the launches are in the stream: torch reuses it in stream order

@@ -17,8 +17,8 @@ inline int32_t checked_views(int device, const Tensor& positions, const Tensor& 
   check_on(op, "triangles", triangles, device, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
   const bool single = positions.defined() && positions.dim() == 2;
   if (ranges) {
-    check_on(op, "positions", positions, device, ScalarType::Float, {-1, 4}, "float32 [V, 4], since there are ranges");
     check(op, "ranges", *ranges, ScalarType::Int, {-1, 2}, "int32 [B, 2]");
+    check_on(op, "positions", positions, device, ScalarType::Float, {-1, 4}, "float32 [V, 4], since there are ranges");
     const int32_t* r = const_data<int32_t>(*ranges);
     for (int64_t i = 0; i < ranges->size(0); ++i, r += 2)
       BIGTRI_CHECK(r[0] >= 0 && r[1] >= 0 && (int64_t)r[0] + r[1] <= triangles.size(0),
