@@ -270,6 +270,35 @@ __device__ __forceinline__ bool are_uneven(const int boxes[kShareWarps]) {
   return most > kMuch && most > 2 * (all / kShareWarps);
 }
 
+// Tests triangles from *next on, 32 at a time, until 32 wait that may show or `end` is reached; returns how many wait. By
+// all lanes; ends with a barrier of the warp.
+__device__ __forceinline__ int find_waiting(const Frame& f, const Vertex* projected, int64_t first_vertex,
+                                            int32_t* next, int32_t end, int waiting, int32_t* list) {
+  while (waiting < kWarp && *next < end) {
+    bool may = *next + lane_id() < end;
+    if (may) {
+      Vertex v[3];
+      projected_corners(f, projected, first_vertex, *next + lane_id(), v);
+      may = may_show(f.view, v);
+    }
+    const unsigned all = __ballot_sync(kAllLanes, may);
+    if (may) list[waiting + __popc(all & lanes_below())] = *next + lane_id();
+    waiting += __popc(all);
+    *next += kWarp;
+  }
+  __syncwarp();
+  return waiting;
+}
+
+// Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
+// warp 0, whose memory is in use.
+__device__ __forceinline__ unsigned clips_of(unsigned all, int warp) {
+  unsigned mine = 0;
+  for (int turn = 1; all; turn = turn % (kShareWarps - 1) + 1, all &= all - 1)
+    if (turn == warp) mine |= all & -all;
+  return mine;
+}
+
 // Sets up a block's share and draws what fits by rows. What is left goes to rest(view, records, their number), which
 // all lanes of a warp call after the kernels in front have ended. Parts of clipped triangles take the same way as whole
 // triangles. projected: the vertices of all views, or null. By all threads of a block of kShareThreads.
@@ -301,19 +330,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     int32_t t = kTogether ? share.first + lane_id() * share.step : next + lane_id();
     int count = kTogether ? (warp == 0 ? share.count : 0) : min_of(end - next, kWarp);
     if (kWay == Way::kTested) {
-      while (waiting < kWarp && next < end) {
-        bool may = next + lane_id() < end;
-        if (may) {
-          Vertex v[3];
-          projected_corners(f, projected, first_vertex, next + lane_id(), v);
-          may = may_show(f.view, v);
-        }
-        const unsigned all = __ballot_sync(kAllLanes, may);
-        if (may) s->waiting[waiting + __popc(all & lanes_below())] = next + lane_id();
-        waiting += __popc(all);
-        next += kWarp;
-      }
-      __syncwarp();
+      waiting = find_waiting(f, projected, first_vertex, &next, end, waiting, s->waiting);
       count = min_of(waiting, kWarp);
       waiting -= count;
       t = s->waiting[waiting + min_of(lane_id(), max_of(count - 1, 0))];  // from the end, so that none has to move
@@ -345,7 +362,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
           have = have && !small;
         }
       }
-      filed = file(p, f.first_triangle + t, share.view, have, widest, s);
+      if (__any_sync(kAllLanes, have)) filed = file(p, f.first_triangle + t, share.view, have, widest, s);
     }
     // This warp draws triangles of warps owner, ..., owners - 1, and of their rows every step-th 32 from `first` on.
     int owner = warp, owners = warp + 1, first = 0, step = kWarp;
@@ -359,11 +376,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       shared_rows = true;
       owner = 0;
       owners = 1;
-      // Those to be clipped go round among the other warps: warp 0's memory is in use.
-      unsigned mine = 0, all = shared->clip;
-      for (int turn = 1; all; turn = turn % (kShareWarps - 1) + 1, all &= all - 1)
-        if (turn == warp) mine |= all & -all;
-      clip = mine;
+      clip = clips_of(shared->clip, warp);
     }
     if (kWay == Way::kEven) {
       note_rows(shared, s, warp, filed.rows);
