@@ -8,6 +8,10 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
+// A record whose bbox has more px is large here. kLargeThreshold would give the same bits; measured from 96 to 4000, this
+// is where rows of a bbox, half of them empty, cost what a large record's tile masks do (docs/performance.md).
+constexpr int64_t kDirectPixels = 384;
+
 // An entry of a bin list is slot << 2 | small << 1 | full. small: the record takes the direct path, without tiles.
 // full: every pixel centre of the bin lies inside all edges. It is set only for large records.
 constexpr uint32_t kEntryFull = 1, kEntrySmall = 2;
@@ -46,15 +50,16 @@ struct RasterJob {
   Viewport view;  // the same for every view
   int64_t* packed;  // out: [views, H, W]
   float* depth;  // out: [views, H, W] or null
-  bool streams_depth;  // whether depth is stored around the caches, which is faster only if the image does not fit them
+  // Whether packed, and depth, are stored around the caches, which is faster only if the image does not fit them.
+  bool streams_packed, streams_depth;
 };
 
 // Bytes of a worker's scratch memory: at least sizeof(Scratch) (bin_owned.inl), and few enough for a core's cache.
 constexpr int64_t kScratchBytes = 128 * 1024;
 
 struct BinOwnedKernels {
-  // Projects and snaps vertices [begin, end) to out[0], out[1], ...
-  void (*project)(const float* positions, int64_t begin, int64_t end, int width, int height, Vertex* out);
+  // Projects and snaps vertices [begin, end) to out[0], out[1], ... Returns the OR of their flags.
+  uint32_t (*project)(const float* positions, int64_t begin, int64_t end, int width, int height, Vertex* out);
   // Turns triangles [begin, end) into records and returns their number. candidates[i]: the number of bins that
   // record i's bbox touches.
   int64_t (*setup)(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates,

@@ -38,14 +38,16 @@ void apply_scissor(const Viewport& v, const Patch& p, int64_t* pixels) {
       if (p.x + i < v.x0 || p.x + i >= v.x1 || p.y + j < v.y0 || p.y + j >= v.y1) pixels[j * kBin + i] = kBackground;
 }
 
-// Stores row j of a patch; a null row is background. Aligned rows of whole bins are streamed: an ordinary store would
-// first read the cache line that it overwrites.
+// Stores row j of a patch; a null row is background. In a large image aligned rows of whole bins are streamed: an
+// ordinary store would first read the cache line that it overwrites.
 BIGTRI_INLINE void store_row(const RasterJob& job, const Patch& p, int j, const int64_t* row) {
   const i64x8 background = splat<i64x8>(kBackground);
   const int64_t at = p.at + (int64_t)j * job.view.width;
   int64_t* to = job.packed + at;
-  if (p.width == kBin && ((uintptr_t)to & 63) == 0)
+  if (p.width == kBin && job.streams_packed && ((uintptr_t)to & 63) == 0)
     for (int i = 0; i < kBin; i += 8) stream(to + i, row ? load<i64x8>(row + i) : background);
+  else if (p.width == kBin)
+    for (int i = 0; i < kBin; i += 8) store(to + i, row ? load<i64x8>(row + i) : background);
   else
     for (int i = 0; i < p.width; ++i) to[i] = row ? row[i] : kBackground;
   if (!job.depth) return;
