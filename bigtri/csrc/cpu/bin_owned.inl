@@ -149,7 +149,7 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
   // A column of eight pixels' width. No branch on the coverage: it would be mispredicted more often than it saves work.
   const auto draw_column = [&](int x) __attribute__((always_inline)) {
     i32x8 f[3] = {row[0], row[1], row[2]};
-    const i32x8 past = x1 - x - 1 - lane;  // negative past the bbox
+    const i32x8 past = (x1 - x - 1) - lane;  // negative past the bbox
     for (int y = y0; y < y1; ++y) {
       const uint32_t bits = sign_mask(f[0] | f[1] | f[2] | past) ^ 0xff;
       keep_nearest(pixels + y * kBin + x, packed_of<kFar>(d, row_depth<kThin>(d, x, y)), bits);

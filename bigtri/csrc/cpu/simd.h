@@ -194,15 +194,23 @@ BIGTRI_INLINE f64x8 to_double(const f32x8& v) {
   return r;
 }
 
+#if BIGTRI_SIMD == 256
+// The upper halves of eight elements, or the lower ones, as kShuffle says. The shuffle, which works within 128-bit
+// halves, gives those of elements 0 1 4 5 | 2 3 6 7. The permutation puts them in order.
+template <int kShuffle>
+BIGTRI_INLINE __m256i halves(const i64x8& v) {
+  const __m256 both = _mm256_shuffle_ps((__m256)v.part[0], (__m256)v.part[1], kShuffle);
+  return _mm256_permute4x64_epi64((__m256i)both, _MM_SHUFFLE(3, 1, 2, 0));
+}
+#endif
+
 // The lower half of each element: the same mask for narrower elements.
 BIGTRI_INLINE i32x8 lower_half(const i64x8& v) {
   i32x8 r;
 #if BIGTRI_SIMD >= 512
   r.part[0] = __builtin_convertvector(v.part[0], i32x8::Vector);
 #elif BIGTRI_SIMD >= 256
-  // The shuffle gives elements 0 1 4 5 | 2 3 6 7; the permutation puts them in order.
-  const __m256 both = _mm256_shuffle_ps((__m256)v.part[0], (__m256)v.part[1], _MM_SHUFFLE(2, 0, 2, 0));
-  r.part[0] = (i32x8::Vector)_mm256_permute4x64_epi64((__m256i)both, _MM_SHUFFLE(3, 1, 2, 0));
+  r.part[0] = (i32x8::Vector)halves<_MM_SHUFFLE(2, 0, 2, 0)>(v);
 #else
   int32_t lower[8];
   for (int i = 0; i < 8; ++i) lower[i] = (int32_t)v[i];
@@ -326,10 +334,7 @@ BIGTRI_INLINE f32x8 depths_of(const i64x8& packed) {
   const __m256i high = _mm512_cvtepi64_epi32(_mm512_srli_epi64((__m512i)packed.part[0], 32));
   r.part[0] = (f32x8::Vector)_mm256_min_epi32(high, _mm256_set1_epi32(0x7f800000));
 #elif BIGTRI_SIMD >= 256
-  // The shuffle, which works within 128-bit halves, gives the upper halves of pixels 0 1 4 5 | 2 3 6 7. The permutation
-  // puts them in order.
-  const __m256 both = _mm256_shuffle_ps((__m256)packed.part[0], (__m256)packed.part[1], _MM_SHUFFLE(3, 1, 3, 1));
-  const __m256i high = _mm256_permute4x64_epi64((__m256i)both, _MM_SHUFFLE(3, 1, 2, 0));
+  const __m256i high = halves<_MM_SHUFFLE(3, 1, 3, 1)>(packed);
   r.part[0] = (f32x8::Vector)_mm256_min_epi32(high, _mm256_set1_epi32(0x7f800000));
 #else
   float f[8];
