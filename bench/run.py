@@ -187,9 +187,9 @@ def case(
         line += f" {base.floor_ms:9.3f}"
         if row.ratio is not None:
             other = peer.ids()
-            coverage = int(((other >= 0) != (expected >= 0)).sum())
+            row.uncovered_px = int(((other >= 0) != (expected >= 0)).sum())
             line += f" {row.ratio:7.2f} ({row.ratio_p25:.2f} to {row.ratio_p75:.2f})"
-            line += f"  {coverage}/{int((other != expected).sum())}  {row.variant}"
+            line += f"  {row.uncovered_px}/{int((other != expected).sum())}  {row.variant}"
         print(line, flush=True)
     return rows
 
