@@ -151,6 +151,23 @@ def test_many_more_threads_than_cores():
     assert all(drawn[0].triangle.flatten(1).amax(1) >= 0)
 
 
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+@pytest.mark.parametrize(("height", "width"), [(70, 1031), (521, 1031), (1027, 4099), (1027, 4160)])
+@pytest.mark.parametrize("isa", native.isa_levels() if native.available() else [])
+def test_background_at_any_address(height, width, isa):
+    """Of images that are stored through the caches and of some that are streamed around them, and nothing beside it."""
+    positions = POSITIONS * np.float32([0.2, 0.1, 1, 1])
+    expected = bigtri.rasterize(positions, TRIANGLES, (height, width), variant="scanline", backend="native")
+    inputs = torch.from_numpy(positions), torch.from_numpy(TRIANGLES), (height, width)
+    for start in (0, 1, 5):
+        memory = torch.full((height * width + 16,), 7)
+        out = memory[start : start + height * width].view(height, width)
+        with native.using_isa(isa):
+            got = bigtri.rasterize(*inputs, variant="bin_owned", out=out)
+        assert np.array_equal(out, expected.packed) and np.array_equal(got.depth, expected.depth)
+        assert (memory[:start] == 7).all() and (memory[start + height * width :] == 7).all()
+
+
 def test_culling_is_by_winding_on_the_screen(backend):
     drawn = {
         cull: bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend, cull=cull).triangle.max()

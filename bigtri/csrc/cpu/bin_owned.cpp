@@ -50,6 +50,9 @@ constexpr int64_t kPackedInCache = 1 << 19;
 // The same for a depth image of 16 MiB. At 1920x1080 px ordinary stores take 0.15 ms less,
 // since the image stays in the last-level cache; at 3840x2160 px streaming takes 2 ms less.
 constexpr int64_t kDepthInCache = 1 << 22;
+// Bins without entries that are stored together, row by row: 4 KiB of packed in a row, which is a page of memory. One
+// by one they would visit each page eight times.
+constexpr int64_t kMostEmpty = 8;
 // Histogram entries of the counting sort, 4 bytes each. A pass has one per bin and run of records.
 constexpr int64_t kMostCounts = 1 << 23;
 
@@ -272,16 +275,26 @@ class Drawing {
     }
     job_.entries = entries;
     job_.list_begin = list_begin;
-    // One task per worker, not per bin, since each needs scratch memory of its own. Workers take bins one by one: a
+    // What a worker takes at a time: a bin, or a run of bins of a row that have no entries. runs[i] is the first bin of
+    // run i; the last element ends the last run.
+    const int64_t end = end_view * job_.bins;
+    std::vector<int64_t> runs;
+    const auto empty = [&](int64_t b) { return list_begin[b - job_.first_bin] == list_begin[b - job_.first_bin + 1]; };
+    for (int64_t b = job_.first_bin; b < end; ++b)
+      if (runs.empty() || b - runs.back() == kMostEmpty || b % job_.bins % job_.bins_x == 0 || !empty(b) ||
+          !empty(b - 1))
+        runs.push_back(b);
+    runs.push_back(end);
+    // One task per worker, not per run, since each needs scratch memory of its own. Workers take runs one by one: a
     // worker that got a crowded bin takes fewer of them.
-    std::atomic<int64_t> next{job_.first_bin};
-    const int64_t end = end_view * job_.bins, workers = std::min<int64_t>(parallel_.threads, end - job_.first_bin);
+    std::atomic<int64_t> next{0};
+    const int64_t count = (int64_t)runs.size() - 1, workers = std::min<int64_t>(parallel_.threads, count);
     if (workers > 0)
       parallel_(workers, [&](int64_t worker) {
         char* scratch = scratch_.get() + worker * kScratchBytes;
         scratch += -(uintptr_t)scratch & 63;  // up to the next multiple of 64 bytes
-        for (int64_t b; (b = next.fetch_add(1, std::memory_order_relaxed)) < end;)
-          kernels_.raster_bin(job_, b, scratch);
+        for (int64_t i; (i = next.fetch_add(1, std::memory_order_relaxed)) < count;)
+          kernels_.raster_bins(job_, runs[i], (int)(runs[i + 1] - runs[i]), scratch);
       });
     job_.begun_views = std::max(job_.begun_views, end_view);
   }

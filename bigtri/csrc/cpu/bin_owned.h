@@ -1,5 +1,5 @@
 // The kernels of the bin_owned variant and the data that they share with bin_owned.cpp, which calls them in this order:
-// project, setup, bin, raster_bin. The kernels are compiled once per instruction set (setup.inl, binning.inl,
+// project, setup, bin, raster_bins. The kernels are compiled once per instruction set (setup.inl, binning.inl,
 // bin_owned.inl); this file once per rung.
 #pragma once
 
@@ -67,8 +67,9 @@ struct BinOwnedKernels {
   // Writes a pair for each bin that a record in slots [begin, end) enters, and adds 1 to counts[bin]. Returns the
   // number of pairs, which is at most the sum of candidates.
   int64_t (*bin)(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts);
-  // Draws one bin and stores its pixels. bin is numbered through all views; scratch is 64-byte aligned.
-  void (*raster_bin)(const RasterJob& job, int64_t bin, void* scratch);
+  // Draws one bin and stores its pixels, or stores background to `bins` bins of a row that have no entries. bin, the
+  // first, is numbered through all views; scratch is 64-byte aligned.
+  void (*raster_bins)(const RasterJob& job, int64_t bin, int bins, void* scratch);
 };
 
 }  // namespace BIGTRI_NAMESPACE

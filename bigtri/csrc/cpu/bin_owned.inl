@@ -1,4 +1,4 @@
-// Draws one bin of the bin_owned variant: raster_bin, called by bin_owned.cpp. Compiled once per instruction set.
+// Draws one bin of the bin_owned variant: raster_bins, called by bin_owned.cpp. Compiled once per instruction set.
 //
 // A worker owns a 64x64 px bin at a time. It keeps the bin's pixels in its cache, draws the entries of the bin list
 // into them, and stores each pixel once per pass. So there is no clear and no atomic operation, and the order of
@@ -240,13 +240,13 @@ void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, 
 }
 
 // Bins without entries are stored as background, or left as they are if an earlier pass stored them.
-void raster_bin(const RasterJob& job, int64_t bin, void* memory) {
+void raster_bins(const RasterJob& job, int64_t bin, int bins, void* memory) {
   Scratch* s = (Scratch*)memory;
   const uint32_t* begin = job.list_begin + (bin - job.first_bin);
-  const uint32_t *list = job.entries + begin[0], *end = job.entries + begin[1];
+  const uint32_t *list = job.entries + begin[0], *end = job.entries + begin[bins];
   const int64_t view = bin / job.bins;
   const int in_view = (int)(bin - view * job.bins), bin_x = in_view % job.bins_x, bin_y = in_view / job.bins_x;
-  const Patch patch = patch_of(job, view, bin_x, bin_y);
+  const Patch patch = patch_of(job, view, bin_x, bin_y, bins);
   const bool begun = view < job.begun_views;
   if (list == end) {
     if (!begun) store_background(job, patch);
