@@ -30,10 +30,11 @@ from numpy.typing import NDArray
 
 from bigtri import native
 from bigtri.app import arguments as option_types
+from bigtri.ops.rasterize import Visibility, rasterize
 from bigtri.study import benchmark, provenance, scenes
 from bigtri.study.clock import clock, peak_mib, setting, summary
 
-PEERS = ("llvmpipe", *peer_python.WAYS)
+PEERS = ("plain", "llvmpipe", *peer_python.WAYS)
 TURN = 0.05  # s: how long a turn lasts, at least one frame
 SIZES = ("1080p", "4k")
 REAL_SIZES = ("256x256", "640x480", *SIZES)
@@ -79,6 +80,35 @@ class Bigtri:
 
     def ids(self) -> NDArray[np.int32]:
         return benchmark.ids(self.job.packed.numpy())
+
+    def close(self) -> None:
+        pass
+
+
+class Plain:
+    """bigtri as README calls it: with a depth image, and results in memory of their own that are let go before the next."""
+
+    name = "plain"
+
+    def __init__(self, threads: int, variant: str) -> None:
+        self.threads, self.variant = threads, variant
+        self.seen: Visibility | None = None
+
+    def load(self, name: str, width: int, height: int) -> None:
+        scene = scenes.make(name, width, height)
+        self.inputs = torch.from_numpy(scene.positions), torch.from_numpy(scene.triangles), (height, width)
+
+    def draw(self) -> None:
+        self.seen = None
+        self.seen = rasterize(*self.inputs, variant=self.variant, backend="native")
+
+    def frames(self, count: int) -> list[float]:
+        with setting(self.threads):
+            return clock(self.draw, 0, warm=0, at_least=count)
+
+    def ids(self) -> NDArray[np.int32]:
+        assert self.seen, "nothing is drawn"
+        return np.asarray(self.seen.triangle)
 
     def close(self) -> None:
         pass
@@ -141,14 +171,18 @@ def rows_of(everyone: Sequence[Peer], times: list[list[list[float]]], base: benc
         low, middle, high = np.percentile(medians[who] / medians[0], [25, 50, 75])
         row = dataclasses.replace(base, renderer=peer.name, variant=peer.variant).timed(timing)
         if who > 0:
-            row.isa, row.precision, row.peak_mib = "", "", None
+            row.peak_mib = None
+            if peer.name != "plain":
+                row.isa, row.precision = "", ""
             row.ratio, row.ratio_p25, row.ratio_p75 = float(middle), float(low), float(high)
         rows.append(row)
     return rows
 
 
-def start(name: str, threads: int) -> Peer | None:
-    """A peer by name, or None (and why, on the screen) where it is not installed."""
+def start(name: str, threads: int, variant: str) -> Peer | None:
+    """A peer by name, or None (and why, on the screen) where it is not installed. variant: bigtri's."""
+    if name == "plain":
+        return Plain(threads, variant)
     if name == "llvmpipe":
         try:
             peer = LlvmpipePeer(threads)
@@ -179,7 +213,7 @@ def case(
         )
     floor.load(width, height)
     *times, filling = take_turns([*everyone, floor], seconds)
-    base.floor_ms = statistics.median(itertools.chain.from_iterable(filling))
+    base.floor_ms = statistics.median(min(frames) for frames in filling)
     rows = rows_of(everyone, times, base)
     expected = mine.ids()
     for peer, row in zip(everyone, rows, strict=True):
@@ -201,13 +235,14 @@ def main() -> None:
     parser.add_argument("--size", type=option_types.listed(option_types.size), help="default 1080p,4k")
     parser.add_argument("--threads", type=option_types.listed(option_types.count), default="1,2", help="default 1,2")
     parser.add_argument("--variant", default="auto", help="bigtri's variant (default auto)")
-    parser.add_argument("--peers", default="llvmpipe", help=f"of {', '.join(PEERS)} (default llvmpipe; others S1 to S3)")
+    parser.add_argument("--peers", help=f"of {', '.join(PEERS)} (default llvmpipe, with --real also plain; Python's S1 to S3)")
     parser.add_argument(
         "--seconds", type=option_types.seconds, default=3.0, help="time for each case, all peers together (default 3)"
     )
     parser.add_argument("--csv", metavar="FILE", type=option_types.csv_file, help="write the rows there")
     arguments = parser.parse_args()
-    names = [name for name in arguments.peers.split(",") if name]
+    peer_names = "plain,llvmpipe" if arguments.real else "llvmpipe"
+    names = [name for name in (peer_names if arguments.peers is None else arguments.peers).split(",") if name]
     if unknown := [name for name in names if name not in PEERS]:
         parser.error(f"no peer {', '.join(unknown)}; there are {', '.join(PEERS)}")
 
@@ -222,7 +257,7 @@ def main() -> None:
     rows: list[benchmark.Row] = []
     for threads in arguments.threads:
         torch.set_num_threads(threads)
-        peers = [peer for name in names if (peer := start(name, threads))]
+        peers = [peer for name in names if (peer := start(name, threads, arguments.variant))]
         floor = memory_floor.Floor(threads)
         print(f"{'scene':14} {'size':>10} {'threads':>7} {'renderer':>9} {'median ms':>10} {'min':>9} {'floor':>9} ", end="")
         print("their time / bigtri's (quartiles)  px: coverage/id differs")
