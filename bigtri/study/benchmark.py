@@ -57,6 +57,8 @@ class Row:
     ratio: float | None = None  # the peer's time over bigtri's in the same rounds, median of the rounds
     ratio_p25: float | None = None
     ratio_p75: float | None = None
+    uncovered_px: int | None = None  # of a peer: pixels that only one of the two has covered
+    floor_ms: float | None = None  # filling the image and nothing else: median of the same rounds' minima
 
     def timed(self, timing: Timing) -> Row:
         """This row with a clock's reading."""

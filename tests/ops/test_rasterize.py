@@ -12,9 +12,10 @@ from backends import BACKENDS
 from cases import CASES, random_corners, soup
 
 import bigtri
-from bigtri import native
+from bigtri import Camera, native
 from bigtri.ops import arguments as checks
 from bigtri.ops.arguments import as_is
+from bigtri.study import meshes
 
 POSITIONS = np.array([[-0.5, -0.5, 0, 1], [0.5, -0.5, 0, 1], [0, 0.5, 0, 1]], np.float32)
 TRIANGLES = np.array([[0, 1, 2]], np.int32)
@@ -116,6 +117,58 @@ def test_what_is_wrong_with_ranges(backend):
     with pytest.raises(ValueError, match="out must not share memory with ranges"):
         draw(memory.view(torch.int32)[:2].view(1, 2), torch.from_numpy(POSITIONS), out=memory.view(1, 8, 8))
     assert draw(np.zeros((0, 2), np.int32)).packed.shape == (0, 8, 8)
+
+
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+@pytest.mark.parametrize("isa", native.isa_levels() if native.available() else [])
+@pytest.mark.parametrize("cull", ["none", "back", "front"])
+def test_any_number_of_triangles_beside_clipped_ones(cull, isa):
+    """Whole triangles are set up eight at a time, clipped ones between them one by one."""
+    rng = np.random.default_rng(8)
+    corners = random_corners(rng, 35, 0.9)
+    corners[4::5, 0, 3] *= -1  # behind the camera
+    corners[17, 1, 0] = np.nan
+    for count in (*range(1, 19), 35):
+        case = soup(corners[:count], (70, 130))
+        for scissor in (None, (20, 11, 120, 53)):
+            options = {"cull": cull, "scissor": scissor}
+            expected = bigtri.rasterize(*case, backend="reference", **options)
+            with native.using_isa(isa):
+                got = bigtri.rasterize(*case, backend="native", **options)
+            assert all(np.array_equal(a, b) for a, b in zip(got, expected, strict=True)), (count, scissor)
+
+
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+def test_many_more_threads_than_cores():
+    mesh = meshes.body(24, 3)
+    cameras = [Camera.framing(mesh.bounds(), azimuth=36.0 * k) for k in range(10)]
+    views = torch.from_numpy(np.stack([camera.transform(mesh.vertices, 1.0) for camera in cameras]))
+    before, drawn = torch.get_num_threads(), []
+    try:
+        for threads in (1, 16, 61):
+            torch.set_num_threads(threads)
+            drawn.append(bigtri.rasterize(views, torch.from_numpy(mesh.triangles), (130, 190), backend="native"))
+    finally:
+        torch.set_num_threads(before)
+    assert all(torch.equal(a, b) for other in drawn[1:] for a, b in zip(other, drawn[0], strict=True))
+    assert all(drawn[0].triangle.flatten(1).amax(1) >= 0)
+
+
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+@pytest.mark.parametrize(("height", "width"), [(70, 1031), (521, 1031), (1027, 4099), (1027, 4160)])
+@pytest.mark.parametrize("isa", native.isa_levels() if native.available() else [])
+def test_background_at_any_address(height, width, isa):
+    """Of images that are stored through the caches and of some that are streamed around them, and nothing beside it."""
+    positions = POSITIONS * np.float32([0.2, 0.1, 1, 1])
+    expected = bigtri.rasterize(positions, TRIANGLES, (height, width), variant="scanline", backend="native")
+    inputs = torch.from_numpy(positions), torch.from_numpy(TRIANGLES), (height, width)
+    for start in (0, 1, 5):
+        memory = torch.full((height * width + 16,), 7)
+        out = memory[start : start + height * width].view(height, width)
+        with native.using_isa(isa):
+            got = bigtri.rasterize(*inputs, variant="bin_owned", out=out)
+        assert np.array_equal(out, expected.packed) and np.array_equal(got.depth, expected.depth)
+        assert (memory[:start] == 7).all() and (memory[start + height * width :] == 7).all()
 
 
 def test_culling_is_by_winding_on_the_screen(backend):

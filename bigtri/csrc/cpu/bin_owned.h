@@ -1,5 +1,5 @@
 // The kernels of the bin_owned variant and the data that they share with bin_owned.cpp, which calls them in this order:
-// project, setup, bin, raster_bin. The kernels are compiled once per instruction set (setup.inl, binning.inl,
+// project, setup, bin, raster_bins. The kernels are compiled once per instruction set (setup.inl, binning.inl,
 // bin_owned.inl); this file once per rung.
 #pragma once
 
@@ -7,6 +7,10 @@
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
+
+// A record whose bbox has more px is large here. kLargeThreshold would give the same bits; measured from 96 to 4000, this
+// is where rows of a bbox, half of them empty, cost what a large record's tile masks do (docs/performance.md).
+constexpr int64_t kDirectPixels = 384;
 
 // An entry of a bin list is slot << 2 | small << 1 | full. small: the record takes the direct path, without tiles.
 // full: every pixel centre of the bin lies inside all edges. It is set only for large records.
@@ -46,15 +50,16 @@ struct RasterJob {
   Viewport view;  // the same for every view
   int64_t* packed;  // out: [views, H, W]
   float* depth;  // out: [views, H, W] or null
-  bool streams_depth;  // whether depth is stored around the caches, which is faster only if the image does not fit them
+  // Whether packed, and depth, are stored around the caches, which is faster only if the image does not fit them.
+  bool streams_packed, streams_depth;
 };
 
 // Bytes of a worker's scratch memory: at least sizeof(Scratch) (bin_owned.inl), and few enough for a core's cache.
 constexpr int64_t kScratchBytes = 128 * 1024;
 
 struct BinOwnedKernels {
-  // Projects and snaps vertices [begin, end) to out[0], out[1], ...
-  void (*project)(const float* positions, int64_t begin, int64_t end, int width, int height, Vertex* out);
+  // Projects and snaps vertices [begin, end) to out[0], out[1], ... Returns the OR of their flags.
+  uint32_t (*project)(const float* positions, int64_t begin, int64_t end, int width, int height, Vertex* out);
   // Turns triangles [begin, end) into records and returns their number. candidates[i]: the number of bins that
   // record i's bbox touches.
   int64_t (*setup)(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates,
@@ -62,8 +67,9 @@ struct BinOwnedKernels {
   // Writes a pair for each bin that a record in slots [begin, end) enters, and adds 1 to counts[bin]. Returns the
   // number of pairs, which is at most the sum of candidates.
   int64_t (*bin)(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts);
-  // Draws one bin and stores its pixels. bin is numbered through all views; scratch is 64-byte aligned.
-  void (*raster_bin)(const RasterJob& job, int64_t bin, void* scratch);
+  // Draws one bin and stores its pixels, or stores background to `bins` bins of a row that have no entries. bin, the
+  // first, is numbered through all views; scratch is 64-byte aligned.
+  void (*raster_bins)(const RasterJob& job, int64_t bin, int bins, void* scratch);
 };
 
 }  // namespace BIGTRI_NAMESPACE

@@ -1,5 +1,5 @@
 // Moves the pixels of a bin between a worker's buffer and the image: load, cut to the scissor, store. Called by
-// raster_bin (bin_owned.inl) for each bin; writes the visibility buffer and the depth image. Compiled once per
+// raster_bins (bin_owned.inl) for each bin; writes the visibility buffer and the depth image. Compiled once per
 // instruction set.
 #pragma once
 
@@ -10,15 +10,15 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// A bin, cut to the image.
+// A bin, or several side by side, cut to the image.
 struct Patch {
   int x, y, width, height;  // px
   int64_t at;               // index of its first pixel in `packed` and `depth`
 };
 
-BIGTRI_INLINE Patch patch_of(const RasterJob& job, int64_t view, int bin_x, int bin_y) {
+BIGTRI_INLINE Patch patch_of(const RasterJob& job, int64_t view, int bin_x, int bin_y, int bins) {
   const int x = bin_x * kBin, y = bin_y * kBin;
-  return {x, y, min_of(kBin, job.view.width - x), min_of(kBin, job.view.height - y),
+  return {x, y, min_of(bins * kBin, job.view.width - x), min_of(kBin, job.view.height - y),
           (view * job.view.height + y) * job.view.width + x};
 }
 
@@ -38,32 +38,52 @@ void apply_scissor(const Viewport& v, const Patch& p, int64_t* pixels) {
       if (p.x + i < v.x0 || p.x + i >= v.x1 || p.y + j < v.y0 || p.y + j >= v.y1) pixels[j * kBin + i] = kBackground;
 }
 
-// Stores row j of a patch; a null row is background. Aligned rows of whole bins are streamed: an ordinary store would
-// first read the cache line that it overwrites.
+// Stores row j of a patch. In a large image aligned rows of whole bins are streamed: an ordinary store would first read
+// the cache line that it overwrites.
 BIGTRI_INLINE void store_row(const RasterJob& job, const Patch& p, int j, const int64_t* row) {
-  const i64x8 background = splat<i64x8>(kBackground);
   const int64_t at = p.at + (int64_t)j * job.view.width;
   int64_t* to = job.packed + at;
-  if (p.width == kBin && ((uintptr_t)to & 63) == 0)
-    for (int i = 0; i < kBin; i += 8) stream(to + i, row ? load<i64x8>(row + i) : background);
+  if (p.width == kBin && job.streams_packed && ((uintptr_t)to & 63) == 0)
+    for (int i = 0; i < kBin; i += 8) stream(to + i, load<i64x8>(row + i));
+  else if (p.width == kBin)
+    for (int i = 0; i < kBin; i += 8) store(to + i, load<i64x8>(row + i));
   else
-    for (int i = 0; i < p.width; ++i) to[i] = row ? row[i] : kBackground;
+    for (int i = 0; i < p.width; ++i) to[i] = row[i];
   if (!job.depth) return;
   float* depth = job.depth + at;
   if (p.width == kBin && job.streams_depth && ((uintptr_t)depth & 31) == 0)
-    for (int i = 0; i < kBin; i += 8) stream(depth + i, depths_of(row ? load<i64x8>(row + i) : background));
+    for (int i = 0; i < kBin; i += 8) stream(depth + i, depths_of(load<i64x8>(row + i)));
   else if (p.width == kBin)
-    for (int i = 0; i < kBin; i += 8) store(depth + i, depths_of(row ? load<i64x8>(row + i) : background));
+    for (int i = 0; i < kBin; i += 8) store(depth + i, depths_of(load<i64x8>(row + i)));
   else
-    for (int i = 0; i < p.width; ++i) depth[i] = depth_of(row ? row[i] : kBackground);
+    for (int i = 0; i < p.width; ++i) depth[i] = depth_of(row[i]);
 }
 
 void store_bin(const RasterJob& job, const Patch& p, const int64_t* pixels) {
   for (int j = 0; j < p.height; ++j) store_row(job, p, j, pixels + j * kBin);
 }
 
+// Stores n times the same element.
+template <class T>
+BIGTRI_INLINE void fill(T* to, int n, T value, bool streams) {
+  const Lanes<T, 8> eight = splat<Lanes<T, 8>>(value);
+  int i = 0;
+  if (streams) {
+    for (; i < n && ((uintptr_t)(to + i) & (sizeof eight - 1)); ++i) to[i] = value;
+    for (; i + 8 <= n; i += 8) stream(to + i, eight);
+  } else {
+    for (; i + 8 <= n; i += 8) store(to + i, eight);
+  }
+  for (; i < n; ++i) to[i] = value;
+}
+
+// A patch without triangles, of one bin or of several side by side.
 void store_background(const RasterJob& job, const Patch& p) {
-  for (int j = 0; j < p.height; ++j) store_row(job, p, j, nullptr);
+  for (int j = 0; j < p.height; ++j) {
+    const int64_t at = p.at + (int64_t)j * job.view.width;
+    fill(job.packed + at, p.width, kBackground, job.streams_packed);
+    if (job.depth) fill(job.depth + at, p.width, depth_of(kBackground), job.streams_depth);
+  }
 }
 
 }  // namespace

@@ -10,18 +10,19 @@
 
 namespace bigtri {
 
-#define BIGTRI_KERNEL_TABLE(NAME)                                                                                     \
-  inline namespace BIGTRI_NAMESPACE {                                                                                 \
-  extern const Kernels kernels_##NAME;                                                                                \
-  const Kernels kernels_##NAME = {{.project = project, .setup = setup, .bin = bin_records, .raster_bin = raster_bin}, \
-                                  {.tile_mask = stage_tile_mask,                                                      \
-                                   .scan_tiles = stage_scan_tiles,                                                    \
-                                   .scan_rows = stage_scan_rows,                                                      \
-                                   .depth = stage_depth},                                                             \
-                                  {.interpolate_row = stage_interpolate_row,                                          \
-                                   .sample = stage_sample,                                                            \
-                                   .lambert = stage_lambert,                                                          \
-                                   .encode_srgb = stage_encode_srgb}};                                                \
+#define BIGTRI_KERNEL_TABLE(NAME)                                                           \
+  inline namespace BIGTRI_NAMESPACE {                                                       \
+  extern const Kernels kernels_##NAME;                                                      \
+  const Kernels kernels_##NAME = {                                                          \
+      {.project = project, .setup = setup, .bin = bin_records, .raster_bins = raster_bins}, \
+      {.tile_mask = stage_tile_mask,                                                        \
+       .scan_tiles = stage_scan_tiles,                                                      \
+       .scan_rows = stage_scan_rows,                                                        \
+       .depth = stage_depth},                                                               \
+      {.interpolate_row = stage_interpolate_row,                                            \
+       .sample = stage_sample,                                                              \
+       .lambert = stage_lambert,                                                            \
+       .encode_srgb = stage_encode_srgb}};                                                  \
   }
 
 }  // namespace bigtri

@@ -8,6 +8,8 @@
 #include <immintrin.h>
 #endif
 
+#include <type_traits>
+
 #include "../core/numerics.h"
 #include "../core/visibility.h"
 
@@ -32,6 +34,10 @@ using i32x16 = Lanes<int32_t, 16>;
 using i64x8 = Lanes<int64_t, 8>;
 using f32x8 = Lanes<float, 8>;
 using f64x8 = Lanes<double, 8>;
+
+// What a comparison of Lanes<T, N> gives: elements of T's width, all bits set where it holds.
+template <class T, int N>
+using MaskOf = Lanes<std::conditional_t<sizeof(T) == 8, int64_t, int32_t>, N>;
 
 // All elements v. scalar - vector is how the vector extension broadcasts. v - 0 is v, also for -0 (v + 0 would make it
 // +0). The compiler removes the subtraction.
@@ -75,7 +81,49 @@ BIGTRI_OPERATOR(-)
 BIGTRI_OPERATOR(*)
 BIGTRI_OPERATOR(/)
 BIGTRI_OPERATOR(|)
+BIGTRI_OPERATOR(&)
+BIGTRI_OPERATOR(>>)
 #undef BIGTRI_OPERATOR
+
+#define BIGTRI_COMPARISON(OP)                                                                               \
+  template <class T, int N>                                                                                 \
+  BIGTRI_INLINE MaskOf<T, N> operator OP(const Lanes<T, N>& a, const Lanes<T, N>& b) {                      \
+    MaskOf<T, N> r;                                                                                         \
+    for (int i = 0; i < r.kParts; ++i) r.part[i] = (typename MaskOf<T, N>::Vector)(a.part[i] OP b.part[i]); \
+    return r;                                                                                               \
+  }                                                                                                         \
+  template <class T, int N>                                                                                 \
+  BIGTRI_INLINE MaskOf<T, N> operator OP(const Lanes<T, N>& a, T b) {                                       \
+    return a OP splat<Lanes<T, N>>(b);                                                                      \
+  }
+BIGTRI_COMPARISON(<)
+BIGTRI_COMPARISON(>)
+BIGTRI_COMPARISON(==)
+#undef BIGTRI_COMPARISON
+
+// quotient (core/numerics.h) of each.
+template <class T, int N>
+BIGTRI_INLINE Lanes<T, N> quotient(const Lanes<T, N>& v, const Lanes<T, N>& by) {
+  return v / by;
+}
+
+// yes[i] where the mask is set, else no[i].
+template <class T, int N>
+BIGTRI_INLINE Lanes<T, N> select(const MaskOf<T, N>& mask, const Lanes<T, N>& yes, const Lanes<T, N>& no) {
+  Lanes<T, N> r;
+  for (int i = 0; i < r.kParts; ++i) r.part[i] = mask.part[i] ? yes.part[i] : no.part[i];
+  return r;
+}
+
+// min_of and max_of (core/platform.h) of each.
+template <class T, int N>
+BIGTRI_INLINE Lanes<T, N> least(const Lanes<T, N>& a, const Lanes<T, N>& b) {
+  return select<T, N>(b < a, b, a);
+}
+template <class T, int N>
+BIGTRI_INLINE Lanes<T, N> greatest(const Lanes<T, N>& a, const Lanes<T, N>& b) {
+  return select<T, N>(a < b, b, a);
+}
 
 alignas(64) constexpr double kLaneDouble[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 alignas(64) constexpr int32_t kLaneInt[8] = {0, 1, 2, 3, 4, 5, 6, 7};
@@ -114,6 +162,61 @@ BIGTRI_INLINE uint32_t greater_mask(const f32x8& a, const f32x8& b) {
   for (int i = 0; i < 8; ++i) mask |= (uint32_t)(a[i] > b[i]) << i;
   return mask;
 #endif
+}
+
+// Exact.
+BIGTRI_INLINE f64x8 to_double(const i32x8& v) {
+  f64x8 r;
+#if BIGTRI_SIMD >= 512
+  r.part[0] = __builtin_convertvector(v.part[0], f64x8::Vector);
+#elif BIGTRI_SIMD >= 256
+  r.part[0] = (f64x8::Vector)_mm256_cvtepi32_pd(_mm256_castsi256_si128((__m256i)v.part[0]));
+  r.part[1] = (f64x8::Vector)_mm256_cvtepi32_pd(_mm256_extracti128_si256((__m256i)v.part[0], 1));
+#else
+  double d[8];
+  for (int i = 0; i < 8; ++i) d[i] = v[i];
+  r = load<f64x8>(d);
+#endif
+  return r;
+}
+BIGTRI_INLINE f64x8 to_double(const f32x8& v) {
+  f64x8 r;
+#if BIGTRI_SIMD >= 512
+  r.part[0] = __builtin_convertvector(v.part[0], f64x8::Vector);
+#elif BIGTRI_SIMD >= 256
+  r.part[0] = (f64x8::Vector)_mm256_cvtps_pd(_mm256_castps256_ps128((__m256)v.part[0]));
+  r.part[1] = (f64x8::Vector)_mm256_cvtps_pd(_mm256_extractf128_ps((__m256)v.part[0], 1));
+#else
+  double d[8];
+  for (int i = 0; i < 8; ++i) d[i] = v[i];
+  r = load<f64x8>(d);
+#endif
+  return r;
+}
+
+#if BIGTRI_SIMD == 256
+// The upper halves of eight elements, or the lower ones, as kShuffle says. The shuffle, which works within 128-bit
+// halves, gives those of elements 0 1 4 5 | 2 3 6 7. The permutation puts them in order.
+template <int kShuffle>
+BIGTRI_INLINE __m256i halves(const i64x8& v) {
+  const __m256 both = _mm256_shuffle_ps((__m256)v.part[0], (__m256)v.part[1], kShuffle);
+  return _mm256_permute4x64_epi64((__m256i)both, _MM_SHUFFLE(3, 1, 2, 0));
+}
+#endif
+
+// The lower half of each element: the same mask for narrower elements.
+BIGTRI_INLINE i32x8 lower_half(const i64x8& v) {
+  i32x8 r;
+#if BIGTRI_SIMD >= 512
+  r.part[0] = __builtin_convertvector(v.part[0], i32x8::Vector);
+#elif BIGTRI_SIMD >= 256
+  r.part[0] = (i32x8::Vector)halves<_MM_SHUFFLE(2, 0, 2, 0)>(v);
+#else
+  int32_t lower[8];
+  for (int i = 0; i < 8; ++i) lower[i] = (int32_t)v[i];
+  r = load<i32x8>(lower);
+#endif
+  return r;
 }
 
 // Rounds to nearest, half to even.
@@ -231,10 +334,7 @@ BIGTRI_INLINE f32x8 depths_of(const i64x8& packed) {
   const __m256i high = _mm512_cvtepi64_epi32(_mm512_srli_epi64((__m512i)packed.part[0], 32));
   r.part[0] = (f32x8::Vector)_mm256_min_epi32(high, _mm256_set1_epi32(0x7f800000));
 #elif BIGTRI_SIMD >= 256
-  // The shuffle, which works within 128-bit halves, gives the upper halves of pixels 0 1 4 5 | 2 3 6 7. The permutation
-  // puts them in order.
-  const __m256 both = _mm256_shuffle_ps((__m256)packed.part[0], (__m256)packed.part[1], _MM_SHUFFLE(3, 1, 3, 1));
-  const __m256i high = _mm256_permute4x64_epi64((__m256i)both, _MM_SHUFFLE(3, 1, 2, 0));
+  const __m256i high = halves<_MM_SHUFFLE(3, 1, 3, 1)>(packed);
   r.part[0] = (f32x8::Vector)_mm256_min_epi32(high, _mm256_set1_epi32(0x7f800000));
 #else
   float f[8];
