@@ -286,8 +286,17 @@ def four_panels(rows: list[Row], panels_of: dict[str, tuple[str, str]], how: str
             axes.set_xticks(sides, [str(side) for side in sides], size=8)
             axes.xaxis.set_minor_locator(NullLocator())
     handles = [Line2D([], [], label=name, **line_of(name, names)) for name in names]
-    handles.append(Line2D([], [], color="0.5", lw=0.8, label="memset of the image"))
-    figure.legend(handles=handles, frameon=False, ncols=len(handles), loc="upper center", bbox_to_anchor=(0.5, 1.0), fontsize=8.5)
+    handles.append(Line2D([], [], color="0.5", lw=0.8, label="memset"))
+    figure.legend(
+        handles=handles,
+        frameon=False,
+        ncols=len(handles),
+        loc="upper center",
+        bbox_to_anchor=(0.5, 1.0),
+        fontsize=8,
+        columnspacing=1.2,
+        handlelength=1.5,
+    )
     caption(figure, rows, how)
     save(figure, file, top=0.97)
 
@@ -315,11 +324,11 @@ def widest(rows: list[Row], out: Path) -> None:
         axes.set_yscale("log")
         plain_log(axes)
         axes.set_title(way, loc="left", size=10)
-        axes.set_xlabel("longest side of the bbox that is drawn by rows, px; what is wider waits")
+        axes.set_xlabel("longest side that is drawn by rows, px")
         axes.grid(alpha=0.3)
         axes.legend(frameon=False, fontsize=7, title="triangles of", title_fontsize=7)
     panels[0, 0].set_ylabel("time / best of the line (log)")
-    caption(figure, here, "CUDA graph replay, median; four layers over 1920 x 1080")
+    caption(figure, here, "CUDA graph replay, median; four layers over 1920 x 1080; what is wider waits")
     save(figure, out / "cuda_rows.png")
 
 
