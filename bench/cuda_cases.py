@@ -177,22 +177,24 @@ class Way(NamedTuple):
 
 
 AUTO = Way("auto", "", {})  # the variant that the extension prefers, with its own choice of everything
-# bin_owned's paths, each for any number of triangles that it can have.
+# bin_owned's two paths, each for any number of triangles that it can have; and the second one with each way to share the
+# triangles among blocks: drawn together, each warp its own, or tested first.
 PATHS = (
     Way("bin_owned", "few", {"few": EVERY}, 256),
-    Way("bin_owned", "some", {"few": 0, "some": EVERY}, 65536),
-    Way("bin_owned", "many", {"few": 0, "some": 0}),
-    Way("bin_owned", "rows", {"few": 0, "rows": EVERY}),
-    Way("bin_owned", "owned", {"few": 0, "rows": 0}),
+    Way("bin_owned", "rows", {"few": 0}),
+    Way("bin_owned", "share 32", {"few": 0, "share": 32}),
+    Way("bin_owned", "share 256", {"few": 0, "share": 256}),
+    Way("bin_owned", "share 2048", {"few": 0, "share": 2048}),
 )
-# Other settings that were the best somewhere.
+# Beside them what else bin_owned chooses by the scene: which triangles wait, and the warps of the blocks that draw these. A
+# choice that it may have made itself is here too, so that another one would be compared with it.
 SETTINGS = (
     *PATHS,
-    Way("bin_owned", "many, 1000 px", {"few": 0, "some": 0, "threshold": 1000}),
-    Way("bin_owned", "many, 4000 px", {"few": 0, "some": 0, "threshold": 4000}),
-    Way("bin_owned", "few, 4 warps", {"few": EVERY, "warps": 4}, 64),
-    Way("bin_owned", "some, 8 warps", {"few": 0, "some": EVERY, "warps": 8}, 65536),
-    Way("two_stage", "1000 px", {"threshold": 1000}),
+    Way("bin_owned", "rows, 64 px", {"few": 0, "rows": 64}),
+    Way("bin_owned", "rows, 256 px", {"few": 0, "rows": 256}),
+    Way("bin_owned", "rows, 4 warps", {"few": 0, "warps": 4}),
+    Way("bin_owned", "rows, 8 warps", {"few": 0, "warps": 8}),
+    Way("bin_owned", "rows, 16 warps", {"few": 0, "warps": 16}),
 )
 
 

@@ -4,7 +4,7 @@
 * `cuda_scaling.png`: time against area, number of triangles, layers and resolution, with the points at which another path of
 bin_owned becomes the fastest;
 * `cuda_sweeps.png`: "auto" on the bumpy body against number of triangles, share of the screen, resolution and views;
-* `cuda_threshold.png`: time against the bbox above which a triangle is queued.
+* `cuda_rows.png`: time against the longest side of a triangle that is drawn by rows.
 
     python bench/cuda_plot.py --run bench/results/cuda_h200.csv --out docs/img
 """
@@ -18,6 +18,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import cuda_cases
 import cuda_floor
 import cuda_run
 import matplotlib.pyplot as plt
@@ -36,15 +37,17 @@ COLORS = {
     "two_stage": "#CC79A7",
     "persistent": "#009E73",
     "bin_owned few": "#56B4E9",
-    "bin_owned some": "#E69F00",
-    "bin_owned many": "#D55E00",
+    "bin_owned rows": "#D55E00",
+    "bin_owned share 32": "#E69F00",
+    "bin_owned share 256": "#F0E442",
+    "bin_owned share 2048": "#000000",
     "floor": "#999999",
     "CuRast": "#E69F00",
     "nvdiffrast": "#D55E00",
 }
-OTHERS = ("#F0E442", "#000000", "#332288", "#7F7F7F")  # of variants that have none
+OTHERS = ("#332288", "#882255", "#999933", "#7F7F7F")  # of variants that have none
 PEERS = ("CuRast", "nvdiffrast")
-PATHS = ("bin_owned few", "bin_owned some", "bin_owned many")
+PATHS = tuple(way.name for way in cuda_cases.PATHS)
 FASTER = 1.03  # by how much another way has to be faster to count as a change
 
 
@@ -229,7 +232,7 @@ def mark_crossovers(axes: Axes, here: list[Row]) -> None:
                 continue  # the same as for another kind
             marked.append((value, before, after))
             axes.axvline(value, color="0.35", ls=style, lw=0.8)
-            text = f"{before.split()[-1]} | {after.split()[-1]} at {rounded(value)}"
+            text = f"{path_of(before)} | {path_of(after)} at {rounded(value)}"
             axes.annotate(
                 text,
                 (value, height),
@@ -241,6 +244,10 @@ def mark_crossovers(axes: Axes, here: list[Row]) -> None:
                 bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1},
             )
             height += 0.05
+
+
+def path_of(name: str) -> str:
+    return name.removeprefix("bin_owned ")
 
 
 def rounded(value: float) -> str:
@@ -279,15 +286,24 @@ def four_panels(rows: list[Row], panels_of: dict[str, tuple[str, str]], how: str
             axes.set_xticks(sides, [str(side) for side in sides], size=8)
             axes.xaxis.set_minor_locator(NullLocator())
     handles = [Line2D([], [], label=name, **line_of(name, names)) for name in names]
-    handles.append(Line2D([], [], color="0.5", lw=0.8, label="memset of the image"))
-    figure.legend(handles=handles, frameon=False, ncols=len(handles), loc="upper center", bbox_to_anchor=(0.5, 1.0), fontsize=8.5)
+    handles.append(Line2D([], [], color="0.5", lw=0.8, label="memset"))
+    figure.legend(
+        handles=handles,
+        frameon=False,
+        ncols=len(handles),
+        loc="upper center",
+        bbox_to_anchor=(0.5, 1.0),
+        fontsize=8,
+        columnspacing=1.2,
+        handlelength=1.5,
+    )
     caption(figure, rows, how)
     save(figure, file, top=0.97)
 
 
-def threshold(rows: list[Row], out: Path) -> None:
-    """A panel for each way: time over its best, a line for each size of triangle."""
-    here = where(rows, curve="threshold")
+def widest(rows: list[Row], out: Path) -> None:
+    """The curve `rows`, a panel for each variant: time over its best, a line for each size of triangle."""
+    here = where(rows, curve="rows")
     if not here:
         return
     ways = list(dict.fromkeys(name_of(row) for row in here))
@@ -304,18 +320,16 @@ def threshold(rows: list[Row], out: Path) -> None:
             at = [values.index(int(x)) for x, *_ in points]
             color = colors(number / max(1, len(kinds)))
             axes.plot(at, [us / best for _, us, *_ in points], "o-", color=color, ms=3, label=f"{kind}, best {short(best)} us")
-        axes.set_xticks(
-            range(len(values)), ["none waits" if v >= 10**9 else "all wait" if v == 0 else str(v) for v in values], size=7
-        )
+        axes.set_xticks(range(len(values)), [str(value) for value in values], size=7)
         axes.set_yscale("log")
         plain_log(axes)
         axes.set_title(way, loc="left", size=10)
-        axes.set_xlabel("threshold, px of bbox")
+        axes.set_xlabel("longest side that is drawn by rows, px")
         axes.grid(alpha=0.3)
         axes.legend(frameon=False, fontsize=7, title="triangles of", title_fontsize=7)
     panels[0, 0].set_ylabel("time / best of the line (log)")
-    caption(figure, here, "CUDA graph replay, median; four layers over 1920 x 1080")
-    save(figure, out / "cuda_threshold.png")
+    caption(figure, here, "CUDA graph replay, median; four layers over 1920 x 1080; what is wider waits")
+    save(figure, out / "cuda_rows.png")
 
 
 def caption(figure: plt.Figure, rows: list[Row], how: str) -> None:
@@ -341,7 +355,7 @@ def main() -> None:
     if arguments.scaling:
         rows = read_csv(arguments.scaling)
         scaling(rows, arguments.out)
-        threshold(rows, arguments.out)
+        widest(rows, arguments.out)
     if arguments.sweeps:
         sweeps(read_csv(arguments.sweeps), arguments.out)
 

@@ -6,19 +6,20 @@
 of 100 px to one over all of it; and four layers over 1920x1080 of 2 to 100,000 px, as bench/scaling.py has it for the CPU;
 * `depth`: 1 to 2500 triangles that each cover 1920x1080, front to back, back to front, and in random order;
 * `resolution`: 32 very large triangles (as S3), and one full-screen triangle, on squares of 256 to 16384 px;
-* `threshold`: four layers over 1920x1080 of triangles of 10 to 30,000 px, with the bbox above which a triangle is queued from 0
-to 10^9 px: bin_owned's path for many, and the other variants.
+* `rows`: four layers over 1920x1080 of triangles of 10 to 30,000 px, with the longest side that is drawn by rows from 1 to 256
+px: the variants that have it as a parameter. What is wider waits.
 
-And, where they are asked for, in steps so small that a threshold shows, for "auto" on the bumpy body of the R-scenes:
+And, where they are asked for, in steps so small that a change of path shows, for "auto" on the bumpy body of the R-scenes:
 * `body_count`: the first 10 to 1,000,000 triangles of a body, at 256x256 and 1920x1080;
 * `body_share`: 16,000 triangles whose ball is 1 to 200 % as high as the picture;
 * `body_resolution`: 16,000 and 100,000 triangles on squares of 64 to 4096 px;
 * `body_views`: batches of 2 to 1024 views of 4,000 triangles, 128x128 each.
 At the end stands where "auto" has a cliff: where a step costs more than the steps before and after it, or gains.
 
-A way is a variant, or `bin_owned` kept to one of its paths by `bigtri.native.using_parameters` (cuda_cases.py). Time is the
-median of graph replays (cuda_clock.py). A way that takes more than 50 ms is left out of the rest of its curve, and so is one that
-would by its growth. Images are compared with the CPU's up to 2^24 px and 2,000,000 triangles, above that with the first way's.
+A way is a variant, or `bin_owned` kept to one of its paths or ways to share triangles by `bigtri.native.using_parameters`
+(cuda_cases.py). Time is the median of graph replays (cuda_clock.py). A way that takes more than 50 ms is left out of the rest of
+its curve, and so is one that would by its growth. Images are compared with the CPU's up to 2^24 px and 2,000,000 triangles, above
+that with the first way's.
 
     python bench/cuda_scaling.py --csv build/gpu/cuda_scaling.csv --total 150
     python bench/cuda_scaling.py --curves sweeps --csv build/gpu/cuda_sweeps.csv
@@ -60,7 +61,7 @@ LIMIT = 50_000  # us
 GUESS = 4  # a way is tried while its time, grown with the number of triangles, stays below so many limits
 MAX_BYTES = 8 << 30
 CPU_PIXELS, CPU_TRIANGLES = 1 << 24, 2_000_000  # up to here an image is compared with the CPU's
-THRESHOLDS = (0, 256, 1000, 4000, 16000, 10**9)  # px of bbox
+WIDEST = (1, 4, 8, 16, 32, 64, 128, 192, 256)  # px, of a side of the bbox
 AT_LEAST = 15  # repeats
 
 
@@ -73,7 +74,7 @@ class Point(NamedTuple):
     width: int
     height: int
     make: Callable[[], scenes.Mesh | meshes.Batch]  # in px, or in clip space
-    threshold: int | None = None
+    rows: int | None = None  # px: the longest side that is drawn by rows
     turns: int = 1  # how often the ways take turns
     views: int = 1
 
@@ -94,7 +95,7 @@ class Row:
     height: int  # px
     variant: str
     path: str
-    threshold: int | None
+    rows: int | None  # px
     triangles: int
     method: str
     us_median: float
@@ -116,6 +117,14 @@ class Row:
 def ways(variants: Mapping[str, native.Variant]) -> list[Way]:
     """Every variant as it is, bin_owned's paths as far as the extension has them, and auto."""
     return [*(Way(variant, "", {}) for variant in variants), *cuda_cases.ways(cuda_cases.PATHS, variants), AUTO]
+
+
+def ways_on(curve: str, todo: list[Way], variants: Mapping[str, native.Variant]) -> list[Way]:
+    """Those of `todo` that a curve compares: auto in a sweep, the others elsewhere; on `rows` the variants that have it."""
+    compared = [way for way in todo if (way == AUTO) == (curve in SWEEPS)]
+    if curve == "rows":
+        compared = [way for way in compared if not way.path and "rows" in variants[way.variant].parameters]
+    return compared
 
 
 # --- the curves
@@ -185,11 +194,11 @@ def resolution_points() -> Iterator[Point]:
         side *= 2
 
 
-def threshold_points() -> Iterator[Point]:
+def rows_points() -> Iterator[Point]:
     for area in (30_000, 8000, 2000, 500, 100, 10):
-        for threshold in THRESHOLDS:
+        for widest in WIDEST:
             make = partial(layers_of, area, WIDTH, HEIGHT, LAYERS)
-            yield Point("threshold", f"{area} px", threshold, WIDTH, HEIGHT, make, threshold)
+            yield Point("rows", f"{area} px", widest, WIDTH, HEIGHT, make, widest)
 
 
 # --- sweeps of the bumpy body
@@ -258,7 +267,7 @@ CURVES: dict[str, Callable[[], Iterator[Point]]] = {
     "area": area_points,
     "depth": depth_points,
     "resolution": resolution_points,
-    "threshold": threshold_points,
+    "rows": rows_points,
 }
 SWEEPS: dict[str, Callable[[], Iterator[Point]]] = {
     "body_count": body_count_points,
@@ -279,15 +288,13 @@ class Limits:
 
     def allows(self, point: Point, way: Way, triangles: int) -> bool:
         """Whether to try: not beyond what the path can do, nor where time would pass the limit by far."""
-        if triangles > way.most or (way == AUTO) != (point.curve in SWEEPS):
+        if triangles > way.most:
             return False
-        if point.curve == "threshold" and (way.path not in ("", "many") or way.name == "bin_owned"):
-            return False  # does not look at the threshold, or is "many" under another name
         before, us = self.last.get((point.curve, point.kind, way.name), (triangles, 0.0))
         return us <= LIMIT and us * max(1.0, triangles / max(before, 1)) <= GUESS * LIMIT
 
     def saw(self, point: Point, way: Way, triangles: int, us: float) -> None:
-        if point.curve != "threshold":  # where time does not grow along the curve
+        if point.curve != "rows":  # where time does not grow along the curve
             self.last[point.curve, point.kind, way.name] = (triangles, us)
 
 
@@ -309,8 +316,8 @@ class Stage(cuda_cases.Target):
 
 
 def setting(way: Way, point: Point) -> contextlib.AbstractContextManager[None]:
-    """The way's parameters, with the point's threshold."""
-    changes = {} if point.threshold is None else {"threshold": point.threshold}
+    """The way's parameters, and the point's."""
+    changes = {} if point.rows is None else {"rows": point.rows}
     return way._replace(parameters={**way.parameters, **changes}).setting()
 
 
@@ -383,7 +390,7 @@ class Scaling:
             height=point.height,
             variant=way.variant,
             path=way.path,
-            threshold=point.threshold,
+            rows=point.rows,
             triangles=count,
             method="graph",
             us_median=timing.median,
@@ -501,9 +508,6 @@ def main(argv: list[str] | None = None) -> int:
     todo = [everything[name] for name in cuda_clock.listed(arguments.ways, "way", everything)]
     named = ",".join(SWEEPS) if arguments.curves == "sweeps" else arguments.curves
     curves = cuda_clock.listed(named, "curve", (*CURVES, *SWEEPS))
-    if "threshold" in curves and not any("threshold" in variant.parameters for variant in variants.values()):
-        print("threshold: left out, no variant has it as a parameter")
-        curves.remove("threshold")
     where = cuda_clock.machine()
     print(cuda_clock.headline(where), flush=True)
     clock = cuda_clock.clock_for(device)
@@ -514,21 +518,25 @@ def main(argv: list[str] | None = None) -> int:
         left = started + arguments.total - time.perf_counter()
         end = time.perf_counter() + left / (len(curves) - number)
         skipped = 0
-        made: tuple[str, meshes.Batch] | None = None  # the points of `threshold` share their scenes
+        compared = ways_on(curve, todo, variants)
+        if not compared:
+            print(f"{curve}: left out, it compares none of the ways")
+            continue
+        made: tuple[str, meshes.Batch] | None = None  # the points of `rows` share their scenes
         for point in (CURVES | SWEEPS)[curve]():
             if time.perf_counter() > end or lost:
                 skipped += 1
                 continue
             if not fits(point, arguments.largest) or (curve in ("count", "body_count") and point.x > arguments.most):
                 continue
-            label = f"{point.kind} {0 if curve == 'threshold' else point.x}"
+            label = f"{point.kind} {0 if curve == 'rows' else point.x}"
             if made is None or made[0] != label:
                 made = (label, point.given())
             if len(made[1].triangles) > arguments.most:
                 continue
             before = len(scaling.rows)
             try:
-                scaling.point(point, made[1], todo)
+                scaling.point(point, made[1], compared)
             except RuntimeError as error:
                 scaling.failures.append(f"{point.curve} {point.kind} {point.x}: {str(error).splitlines()[0]}")
                 lost = True

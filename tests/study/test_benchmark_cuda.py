@@ -444,33 +444,34 @@ def test_some_views_of_a_batch_are_checked(kinds: tuple[str, ...]) -> None:
 
 def variant(name: str, **parameters: tuple[int, int]) -> native.Variant:
     """As a registry has it; parameters: lowest and highest value."""
-    known = {
-        p: native.Parameter(p, "", "", low, low, high, (0, 4, 8) if p == "warps" else ()) for p, (low, high) in parameters.items()
-    }
+    only = {"warps": (0, 4, 8, 16), "share": (0, 4, 8, 16, 32, 256, 2048)}
+    known = {p: native.Parameter(p, "", "", low, low, high, only.get(p, ())) for p, (low, high) in parameters.items()}
     return native.Variant(name, "", known)
 
 
 TODAY = {
     v.name: v
     for v in (
-        variant("bin_owned", few=(0, 65536), some=(0, 65536), threshold=(0, 10**9), warps=(0, 16)),
-        variant("two_stage", threshold=(0, 10**9)),
+        variant("bin_owned", few=(0, 65536), warps=(0, 16), rows=(0, 256), share=(0, 2048)),
+        variant("two_stage", rows=(0, 256), share=(0, 2048)),
         variant("persistent"),
     )
 }
 
 
 def test_settings_are_those_of_the_registry(capsys: pytest.CaptureFixture[str]) -> None:
-    found = {way.name: way for way in cuda_cases.ways(cuda_cases.SETTINGS, TODAY)}
-    assert found["bin_owned few"].parameters == {"few": 65536}  # the highest there is
-    assert {"bin_owned some", "bin_owned many", "bin_owned many, 1000 px", "two_stage 1000 px"} <= found.keys()
-    assert "bin_owned rows" not in found
-    assert (
-        "left out: bin_owned rows: parameters of bin_owned are few, some, threshold, warps, got rows" in capsys.readouterr().out
-    )
+    found = cuda_cases.ways(cuda_cases.SETTINGS, TODAY)
+    assert found[0].parameters == {"few": 65536}  # the highest there is
+    assert found[1:] == [*cuda_cases.SETTINGS[1:]] and capsys.readouterr().out == ""
+    assert {name for way in cuda_cases.SETTINGS for name in way.parameters} <= PARAMETERS
+    assert len({tuple(way.parameters.items()) for way in found}) == len({way.name for way in found}) == len(found)
+    no_share = {"bin_owned": variant("bin_owned", few=(0, 65536), warps=(0, 16), rows=(0, 256))}
+    assert cuda_cases.ways(cuda_cases.SETTINGS, no_share) == [way for way in found if "share" not in way.parameters]
+    assert "left out: bin_owned share 32: parameters of bin_owned are few, warps, rows, got share" in capsys.readouterr().out
     for text, message in (
         ("other:few=1", "variants are bin_owned, two_stage, persistent"),
-        ("bin_owned:warps=5", "warps must be 0, 4, 8, got 5"),
+        ("bin_owned:warps=5", "warps must be 0, 4, 8, 16, got 5"),
+        ("bin_owned:share=64", "share must be 0, 4, 8, 16, 32, 256, 2048, got 64"),
         ("persistent:few=0", "parameters of persistent are none, got few"),
     ):
         assert cuda_cases.ways([cuda_cases.way(text)], TODAY) == []
@@ -478,11 +479,9 @@ def test_settings_are_those_of_the_registry(capsys: pytest.CaptureFixture[str]) 
 
 
 def test_a_setting_from_the_command_line() -> None:
-    assert cuda_cases.way("two_stage:threshold=500,queue=7") == cuda_cases.Way(
-        "two_stage", "threshold=500,queue=7", {"threshold": 500, "queue": 7}
-    )
+    assert cuda_cases.way("two_stage:rows=64,queue=7") == cuda_cases.Way("two_stage", "rows=64,queue=7", {"rows": 64, "queue": 7})
     assert cuda_cases.way("persistent").name == "persistent"
-    for text in ("two_stage:threshold", "two_stage:threshold=-1", "two_stage:threshold=x"):
+    for text in ("two_stage:rows", "two_stage:rows=-1", "two_stage:rows=x"):
         with pytest.raises(argparse.ArgumentTypeError, match="whole number"):
             cuda_cases.way(text)
 
@@ -575,28 +574,46 @@ def test_best_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
 
 
 def test_ways() -> None:
-    names = [way.name for way in cuda_scaling.ways(TODAY)]
-    assert names == [*TODAY, "bin_owned few", "bin_owned some", "bin_owned many", "auto"]
+    todo = cuda_scaling.ways(TODAY)
+    paths = ["bin_owned few", "bin_owned rows", "bin_owned share 32", "bin_owned share 256", "bin_owned share 2048"]
+    assert [way.name for way in todo] == [*TODAY, *paths, "auto"]
+
+    def on(curve: str) -> list[str]:
+        return [way.name for way in cuda_scaling.ways_on(curve, todo, TODAY)]
+
+    assert on("count") == [*TODAY, *paths] and on("body_count") == ["auto"]
+    assert on("rows") == ["bin_owned", "two_stage"]  # persistent does not have it
+
+
+def test_points_of_rows_set_the_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = [*cuda_scaling.rows_points()]
+    assert {point.x for point in points} == {*cuda_scaling.WIDEST} and all(point.rows == point.x for point in points)
+    assert cuda_scaling.WIDEST[0] == 1 and cuda_scaling.WIDEST[-1] == 256
+    assert min(len(point.given().triangles) for point in points[:: len(cuda_scaling.WIDEST)]) > 256  # else bin_owned draws few
+    given: list[dict[str, int]] = []
+    monkeypatch.setattr(native, "using_parameters", lambda **values: given.append(values) or contextlib.nullcontext())
+    way = cuda_cases.Way("bin_owned", "", {"queue": 7})
+    for point in (points[0], points[0]._replace(rows=None)):
+        with cuda_scaling.setting(way, point):
+            pass
+    assert given == [{"queue": 7, "rows": 1}, {"queue": 7}]
 
 
 def test_limits() -> None:
-    few, some, many = (
-        cuda_cases.Way("bin_owned", path, {}, most) for path, most in (("few", 256), ("some", 65536), ("many", cuda_cases.EVERY))
+    few, other, rows = (
+        cuda_cases.Way("bin_owned", path, {}, most) for path, most in (("few", 256), ("other", 4096), ("rows", cuda_cases.EVERY))
     )
     point = cuda_scaling.Point("count", "mesh", 10, 8, 8, lambda: None)
     limits = cuda_scaling.Limits()
-    assert limits.allows(point, many, 10**7)  # nothing is known
-    assert not limits.allows(point, few, 257) and not limits.allows(point, some, 65537)
-    limits.saw(point, many, 1000, 1_000.0)
-    assert limits.allows(point, many, 100_000) and not limits.allows(point, many, 10**6)
-    limits.saw(point, some, 1000, cuda_scaling.LIMIT + 1)
-    assert not limits.allows(point, some, 1000)
-    assert limits.allows(point._replace(kind="other"), some, 1000)
-    threshold = point._replace(curve="threshold")
-    assert limits.allows(threshold, many, 1000) and not limits.allows(threshold, few, 1000)
-    sweep = point._replace(curve="body_count")
-    assert limits.allows(sweep, cuda_cases.AUTO, 1000) and not limits.allows(sweep, many, 1000)
-    assert not limits.allows(point, cuda_cases.AUTO, 1000)
+    assert limits.allows(point, rows, 10**7)  # nothing is known
+    assert limits.allows(point, few, 256) and not limits.allows(point, few, 257) and not limits.allows(point, other, 4097)
+    limits.saw(point, rows, 1000, 1_000.0)
+    assert limits.allows(point, rows, 100_000) and not limits.allows(point, rows, 10**6)
+    limits.saw(point, other, 1000, cuda_scaling.LIMIT + 1)
+    assert not limits.allows(point, other, 1000)
+    assert limits.allows(point._replace(kind="other"), other, 1000)
+    limits.saw(point._replace(curve="rows"), rows, 1000, cuda_scaling.LIMIT + 1)  # the next point may be faster
+    assert limits.allows(point._replace(curve="rows"), rows, 1000)
 
 
 def test_scattered_triangles_have_the_area_asked_for() -> None:
@@ -698,12 +715,12 @@ def test_cliffs_are_reported() -> None:
 def test_sweep_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cuda_floor, "FOLDER", tmp_path)
     path = tmp_path / "sweeps.csv"
-    options = ["--dry-run", "--curves", "body_count,threshold", "--most", "100", "--largest", "256", "--seconds", "0"]
+    options = ["--dry-run", "--curves", "body_count,rows", "--most", "100", "--largest", "256", "--seconds", "0"]
     assert cuda_scaling.main([*options, "--csv", str(path)]) == 0
     rows = benchmark.read_csv(path)
     assert [int(row["x"]) for row in rows] == [10, 15, 22, 33, 49, 73] and {row["variant"] for row in rows} == {"auto"}
     said = capsys.readouterr().out
-    assert "threshold: left out, no variant has it as a parameter" in said and "cliffs in 6 points" in said
+    assert "rows: left out, it compares none of the ways" in said and "cliffs in 6 points" in said
 
 
 # --- pictures
@@ -739,8 +756,8 @@ def test_pictures_are_made(tmp_path: Path) -> None:
     ]
     benchmark.write_csv(tmp_path / "scaling.csv", points, cuda_clock.DIGITS)
     plot.scaling(benchmark.read_csv(tmp_path / "scaling.csv"), tmp_path)
-    plot.threshold(benchmark.read_csv(tmp_path / "scaling.csv"), tmp_path)
-    assert (tmp_path / "cuda_scaling.png").exists() and (tmp_path / "cuda_threshold.png").exists()
+    plot.widest(benchmark.read_csv(tmp_path / "scaling.csv"), tmp_path)
+    assert (tmp_path / "cuda_scaling.png").exists() and (tmp_path / "cuda_rows.png").exists()
     plot.sweeps(benchmark.read_csv(tmp_path / "scaling.csv"), tmp_path)
     assert (tmp_path / "cuda_sweeps.png").stat().st_size > 1000
 
