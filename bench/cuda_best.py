@@ -6,7 +6,7 @@ auto take turns by graph replay (cuda_clock.py), so that their times can be comp
 bit for bit. A case is marked where auto takes more than 1.1 times as long as the best way, and more than 1 us longer.
 
     python bench/cuda_best.py --csv build/gpu/cuda_best.csv
-    python bench/cuda_best.py --scenes R4k --batches none --setting two_stage:rows=64 --setting bin_owned:few=0,share=16
+    python bench/cuda_best.py --scenes R4k --batches none --setting two_stage:widest=64 --setting bin_owned:few=0,share=16
 """
 
 from __future__ import annotations

@@ -190,8 +190,8 @@ PATHS = (
 # choice that it may have made itself is here too, so that another one would be compared with it.
 SETTINGS = (
     *PATHS,
-    Way("bin_owned", "rows, 64 px", {"few": 0, "rows": 64}),
-    Way("bin_owned", "rows, 256 px", {"few": 0, "rows": 256}),
+    Way("bin_owned", "rows, 64 px", {"few": 0, "widest": 64}),
+    Way("bin_owned", "rows, 256 px", {"few": 0, "widest": 256}),
     Way("bin_owned", "rows, 4 warps", {"few": 0, "warps": 4}),
     Way("bin_owned", "rows, 8 warps", {"few": 0, "warps": 8}),
     Way("bin_owned", "rows, 16 warps", {"few": 0, "warps": 16}),

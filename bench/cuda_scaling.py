@@ -74,7 +74,7 @@ class Point(NamedTuple):
     width: int
     height: int
     make: Callable[[], scenes.Mesh | meshes.Batch]  # in px, or in clip space
-    rows: int | None = None  # px: the longest side that is drawn by rows
+    widest: int | None = None  # px: the longest side that is drawn by rows
     turns: int = 1  # how often the ways take turns
     views: int = 1
 
@@ -95,7 +95,7 @@ class Row:
     height: int  # px
     variant: str
     path: str
-    rows: int | None  # px
+    widest: int | None  # px
     triangles: int
     method: str
     us_median: float
@@ -123,7 +123,7 @@ def ways_on(curve: str, todo: list[Way], variants: Mapping[str, native.Variant])
     """Those of `todo` that a curve compares: auto in a sweep, the others elsewhere; on `rows` the variants that have it."""
     compared = [way for way in todo if (way == AUTO) == (curve in SWEEPS)]
     if curve == "rows":
-        compared = [way for way in compared if not way.path and "rows" in variants[way.variant].parameters]
+        compared = [way for way in compared if not way.path and "widest" in variants[way.variant].parameters]
     return compared
 
 
@@ -317,7 +317,7 @@ class Stage(cuda_cases.Target):
 
 def setting(way: Way, point: Point) -> contextlib.AbstractContextManager[None]:
     """The way's parameters, and the point's."""
-    changes = {} if point.rows is None else {"rows": point.rows}
+    changes = {} if point.widest is None else {"widest": point.widest}
     return way._replace(parameters={**way.parameters, **changes}).setting()
 
 
@@ -390,7 +390,7 @@ class Scaling:
             height=point.height,
             variant=way.variant,
             path=way.path,
-            rows=point.rows,
+            widest=point.widest,
             triangles=count,
             method="graph",
             us_median=timing.median,

@@ -452,8 +452,8 @@ def variant(name: str, **parameters: tuple[int, int]) -> native.Variant:
 TODAY = {
     v.name: v
     for v in (
-        variant("bin_owned", few=(0, 65536), warps=(0, 16), rows=(0, 256), share=(0, 2048)),
-        variant("two_stage", rows=(0, 256), share=(0, 2048)),
+        variant("bin_owned", few=(0, 65536), warps=(0, 16), widest=(0, 256), share=(0, 2048)),
+        variant("two_stage", widest=(0, 256), share=(0, 2048)),
         variant("persistent"),
     )
 }
@@ -465,9 +465,9 @@ def test_settings_are_those_of_the_registry(capsys: pytest.CaptureFixture[str]) 
     assert found[1:] == [*cuda_cases.SETTINGS[1:]] and capsys.readouterr().out == ""
     assert {name for way in cuda_cases.SETTINGS for name in way.parameters} <= PARAMETERS
     assert len({tuple(way.parameters.items()) for way in found}) == len({way.name for way in found}) == len(found)
-    no_share = {"bin_owned": variant("bin_owned", few=(0, 65536), warps=(0, 16), rows=(0, 256))}
+    no_share = {"bin_owned": variant("bin_owned", few=(0, 65536), warps=(0, 16), widest=(0, 256))}
     assert cuda_cases.ways(cuda_cases.SETTINGS, no_share) == [way for way in found if "share" not in way.parameters]
-    assert "left out: bin_owned share 32: parameters of bin_owned are few, warps, rows, got share" in capsys.readouterr().out
+    assert "left out: bin_owned share 32: parameters of bin_owned are few, warps, widest, got share" in capsys.readouterr().out
     for text, message in (
         ("other:few=1", "variants are bin_owned, two_stage, persistent"),
         ("bin_owned:warps=5", "warps must be 0, 4, 8, 16, got 5"),
@@ -479,9 +479,11 @@ def test_settings_are_those_of_the_registry(capsys: pytest.CaptureFixture[str]) 
 
 
 def test_a_setting_from_the_command_line() -> None:
-    assert cuda_cases.way("two_stage:rows=64,queue=7") == cuda_cases.Way("two_stage", "rows=64,queue=7", {"rows": 64, "queue": 7})
+    assert cuda_cases.way("two_stage:widest=64,queue=7") == cuda_cases.Way(
+        "two_stage", "widest=64,queue=7", {"widest": 64, "queue": 7}
+    )
     assert cuda_cases.way("persistent").name == "persistent"
-    for text in ("two_stage:rows", "two_stage:rows=-1", "two_stage:rows=x"):
+    for text in ("two_stage:widest", "two_stage:widest=-1", "two_stage:widest=x"):
         with pytest.raises(argparse.ArgumentTypeError, match="whole number"):
             cuda_cases.way(text)
 
@@ -593,10 +595,10 @@ def test_points_of_rows_set_the_parameter(monkeypatch: pytest.MonkeyPatch) -> No
     given: list[dict[str, int]] = []
     monkeypatch.setattr(native, "using_parameters", lambda **values: given.append(values) or contextlib.nullcontext())
     way = cuda_cases.Way("bin_owned", "", {"queue": 7})
-    for point in (points[0], points[0]._replace(rows=None)):
+    for point in (points[0], points[0]._replace(widest=None)):
         with cuda_scaling.setting(way, point):
             pass
-    assert given == [{"queue": 7, "rows": 1}, {"queue": 7}]
+    assert given == [{"queue": 7, "widest": 1}, {"queue": 7}]
 
 
 def test_limits() -> None:
