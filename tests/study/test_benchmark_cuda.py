@@ -589,7 +589,7 @@ def test_ways() -> None:
 
 def test_points_of_rows_set_the_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
     points = [*cuda_scaling.rows_points()]
-    assert {point.x for point in points} == {*cuda_scaling.WIDEST} and all(point.rows == point.x for point in points)
+    assert {point.x for point in points} == {*cuda_scaling.WIDEST} and all(point.widest == point.x for point in points)
     assert cuda_scaling.WIDEST[0] == 1 and cuda_scaling.WIDEST[-1] == 256
     assert min(len(point.given().triangles) for point in points[:: len(cuda_scaling.WIDEST)]) > 256  # else bin_owned draws few
     given: list[dict[str, int]] = []
