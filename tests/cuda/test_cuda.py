@@ -290,7 +290,7 @@ def test_settings_are_checked():
         {"blocks": -1},
         {"few": -1},
         {"widest": 257},
-        {"share": 5},
+        {"share": -1},
         {"cache": -1},
         {"few": 2**17},
     ):
