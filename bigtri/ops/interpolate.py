@@ -30,7 +30,8 @@ def interpolate(
         attributes: float32 [V, C], or [B, V, C] where every view has its own.
         visibility: what ``rasterize`` returned, or its ``packed``: int64 [H, W] or [B, H, W]. A pixel that names none of the
             triangles reads as background.
-        positions: the clip-space positions it was drawn from, float32 [V, 4] or [B, V, 4].
+        positions: the clip-space positions it was drawn from, float32 [V, 4] or [B, V, 4]. All views of a batch may share
+            [V, 4], as those drawn with ``ranges`` do.
         triangles: int32 [T, 3].
         backend: "auto", "reference" or "native"; the bits are the same.
         precision: the rung that the buffer was drawn with.
@@ -54,7 +55,7 @@ def interpolate(
     given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
     values = arguments.check_tensor(op, "attributes", attributes, torch.float32, "[V, C] or [B, V, C]", (2, 3), chosen)
     values = values if values.ndim == 3 else values[None]
-    arguments.check_size(op, "attributes", values, 1, clip.shape[1], "V, one row per position")
+    arguments.check_size(op, "attributes", values, 1, clip.shape[-2], "V, one row per position")
     if values.shape[0] != 1:
         arguments.check_size(op, "attributes", values, 0, packed.shape[0], "B, as in visibility")
     arguments.check_same_device(op, chosen, visibility=packed, attributes=values)
@@ -66,8 +67,8 @@ def interpolate(
     if chosen == "native":
         torch.ops.bigtri.interpolate.default(packed, clip, faces, values, precision, images)
     else:
-        check_indices(op, faces, clip.shape[1])
-        values = values.expand(packed.shape[0], -1, -1)
+        check_indices(op, faces, clip.shape[-2])
+        clip, values = clip.expand(packed.shape[0], -1, -1), values.expand(packed.shape[0], -1, -1)
         for image, view, p, a in zip(images, packed, clip, values, strict=True):
             image.copy_(arguments.on_reference(reference.interpolate, view, p, faces, a, RUNGS[precision]))
     return arguments.like(result, given)
@@ -87,7 +88,8 @@ def barycentrics(
     Args:
         visibility: what ``rasterize`` returned, or its ``packed``: int64 [H, W] or [B, H, W]. A pixel that names none of the
             triangles reads as background.
-        positions: the clip-space positions it was drawn from, float32 [V, 4] or [B, V, 4].
+        positions: the clip-space positions it was drawn from, float32 [V, 4] or [B, V, 4]. All views of a batch may share
+            [V, 4], as those drawn with ``ranges`` do.
         triangles: int32 [T, 3].
         backend: "auto", "reference" or "native"; the bits are the same.
         precision: the rung that the buffer was drawn with.
@@ -115,8 +117,8 @@ def barycentrics(
     if chosen == "native":
         torch.ops.bigtri.barycentrics.default(packed, clip, faces, precision, images)
     else:
-        check_indices(op, faces, clip.shape[1])
-        for image, view, p in zip(images, packed, clip, strict=True):
+        check_indices(op, faces, clip.shape[-2])
+        for image, view, p in zip(images, packed, clip.expand(packed.shape[0], -1, -1), strict=True):
             image.copy_(arguments.on_reference(reference.barycentrics, view, p, faces, RUNGS[precision]))
     return arguments.like(result, given)
 
@@ -146,19 +148,21 @@ def _interpolate_as_is(
 def _drawing(
     op: str, visibility: Visibility | Array, positions: Array, triangles: Array, chosen: str
 ) -> tuple[Array, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """The buffer as given, and packed [B, H, W], positions [B, V, 4], triangles [T, 3] as tensors that belong together."""
+    """The buffer as given, and packed [B, H, W], positions [B, V, 4] or [V, 4], triangles [T, 3] that belong together."""
     # Not isinstance: anything with a packed buffer will do.
     given: Any = getattr(visibility, "packed", visibility)
     packed = arguments.check_tensor(op, "visibility", given, torch.int64, "[H, W] or [B, H, W]", (2, 3), chosen)
-    clip = arguments.check_tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", packed.ndim, chosen)
+    dimensions = 2 if packed.ndim == 2 else (2, 3)
+    clip = arguments.check_tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", dimensions, chosen)
     faces = arguments.check_tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2, chosen)
     height, width = packed.shape[-2:]
     if packed.numel() and (height > MAX_SIZE or width > MAX_SIZE):
         raise ValueError(f"bigtri.{op}: visibility must be at most {MAX_SIZE} px a side, got {list(packed.shape)}")
     if packed.ndim == 2:
         packed, clip = packed[None], clip[None]
-    arguments.check_size(op, "positions", clip, 0, packed.shape[0], "B, as in visibility")
-    arguments.check_size(op, "positions", clip, 2, 4, "x, y, z, w")
+    if clip.ndim == 3:
+        arguments.check_size(op, "positions", clip, 0, packed.shape[0], "B, as in visibility")
+    arguments.check_size(op, "positions", clip, clip.ndim - 1, 4, "x, y, z, w")
     arguments.check_size(op, "triangles", faces, 1, 3, "corners")
     arguments.check_same_device(op, chosen, visibility=packed, positions=clip, triangles=faces)
     return given, packed, clip, faces

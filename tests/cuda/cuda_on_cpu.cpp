@@ -362,6 +362,7 @@ int interpolate_on_cpu(const int64_t* packed, const float* positions, const int3
   job.clipped = scratch.of<uint32_t>();
   job.batch = views;
   job.vertices = vertices;
+  job.position_view = vertices * 4;
   job.attribute_view = sizes[6] == 1 ? 0 : vertices * channels;
   job.channels = channels;
   job.count = (int32_t)sizes[4];

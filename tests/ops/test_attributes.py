@@ -160,6 +160,20 @@ def test_torch_in_torch_out_and_batches_are_single_views():
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+def test_views_that_share_positions(backend):
+    """Those of a batch of ranges: as if each view had a copy."""
+    positions, triangles = soup(6, 30, -0.5)
+    ranges = np.array([[0, 12], [7, 23], [5, 0]], np.int32)
+    attributes = np.random.default_rng(6).random((len(positions), 4), np.float32)
+    seen = rasterize(positions, triangles, SIZE, ranges=ranges)
+    copies = np.stack([positions] * len(ranges))
+    shared = interpolate(attributes, seen, positions, triangles, backend=backend)
+    assert shared.tobytes() == interpolate(attributes, seen, copies, triangles, backend="reference").tobytes() and shared.any()
+    weights = barycentrics(seen, positions, triangles, backend=backend)
+    assert weights.tobytes() == barycentrics(seen, copies, triangles, backend="reference").tobytes()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_buffers_of_other_triangles_and_indices_of_other_vertices(backend):
     positions, triangles = soup(1, 2, 1.0)
     for stranger in (7, 0xFFFFFFFF, -5):

@@ -97,7 +97,7 @@ void interpolate_run(const AttributeJob& job, const float* attributes, const Par
 void stage_interpolate_row(const AttributeJob& job, int64_t view, int64_t y, Parent* parent) {
   const int64_t first = (view * job.height + y) * job.width;
   const int64_t* row = job.packed + first;
-  const float* positions = job.positions + view * job.vertices * 4;
+  const float* positions = job.positions + view * job.position_view;
   const float* attributes = job.attributes ? job.attributes + view * job.attribute_view : nullptr;
   float* out = job.out + first * job.channels;
   int64_t loaded = -1;

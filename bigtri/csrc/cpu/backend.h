@@ -84,7 +84,8 @@ struct Stages {
 
 struct AttributeJob {
   const int64_t* packed;  // [views, H, W], the visibility buffer
-  const float* positions;  // [views, V, 4], clip space
+  const float* positions;  // [views, V, 4] or [V, 4], clip space
+  int64_t position_view;  // floats from one view's positions to the next view's; 0 if all views share them
   int64_t vertices;  // V
   const int32_t* triangles;  // [T, 3], vertex indices
   int64_t triangle_count;  // T

@@ -27,7 +27,7 @@ __device__ __forceinline__ Viewport whole_image(const Interpolation& job) {
 }
 
 __device__ __forceinline__ Frame frame_of(const Interpolation& job, int64_t view) {
-  return {job.positions + view * job.vertices * 4, job.triangles, job.vertices, job.count, 1, whole_image(job)};
+  return {job.positions + view * job.position_view, job.triangles, job.vertices, job.count, 1, whole_image(job)};
 }
 
 // The lane's pixel of a group.

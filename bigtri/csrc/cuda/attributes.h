@@ -8,7 +8,7 @@ namespace bigtri {
 // Pointers are to device memory.
 struct Interpolation {
   const int64_t* packed;     // [B, H, W], any values
-  const float* positions;    // [B, V, 4], clip space
+  const float* positions;    // [B, V, 4] or [V, 4], clip space
   const int32_t* triangles;  // [T, 3]; one with an index that is no vertex reads as background
   const float* attributes;   // [V, C] or [B, V, C]; without a vertex null
   bool weights;              // no attributes: the barycentrics of the parent's corners
@@ -16,6 +16,7 @@ struct Interpolation {
   uint32_t* clipped;         // interpolation_scratch bytes
   int64_t batch;             // B
   int64_t vertices;          // V
+  int64_t position_view;     // floats from one view's positions to the next one's; 0 where all views share them
   int64_t attribute_view;    // floats from one view's attributes to the next one's; 0 where all views share them
   int64_t channels;          // C, or 3
   int32_t count;             // T

@@ -12,8 +12,8 @@ constexpr int64_t kMaxTexture = 65536;  // px a side: texel coordinates stay exa
 // Whether all views have the same attributes: [V, C] or [1, V, C].
 inline bool attributes_shared(const Tensor& attributes) { return attributes.dim() == 2 || attributes.size(0) == 1; }
 
-// A buffer [H, W] is one view, with positions [V, 4]; [B, H, W] goes with positions [B, V, 4]. attributes is null for the
-// operator `barycentrics`.
+// A buffer [H, W] is one view, with positions [V, 4]; [B, H, W] goes with positions [B, V, 4], or [V, 4] that all views
+// share. attributes is null for the operator `barycentrics`.
 inline void check_interpolation(const char* op, int device, const Tensor& packed, const Tensor& positions,
                                 const Tensor& triangles, const Tensor* attributes, const Tensor& out) {
   const bool single = packed.defined() && packed.dim() == 2;
@@ -25,8 +25,10 @@ inline void check_interpolation(const char* op, int device, const Tensor& packed
   const int64_t views = single ? 1 : packed.size(0), height = packed.size(-2), width = packed.size(-1);
   if (single)
     check_on(op, "positions", positions, device, ScalarType::Float, {-1, 4}, "float32 [V, 4], as packed is [H, W]");
+  else if (positions.defined() && positions.dim() == 2)
+    check_on(op, "positions", positions, device, ScalarType::Float, {-1, 4}, "float32 [V, 4] or [B, V, 4]");
   else
-    check_on(op, "positions", positions, device, ScalarType::Float, {views, -1, 4}, "float32 [B, V, 4]");
+    check_on(op, "positions", positions, device, ScalarType::Float, {views, -1, 4}, "float32 [V, 4] or [B, V, 4]");
   check_on(op, "triangles", triangles, device, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
   check_count(op, "triangles", triangles.size(0));
   if (packed.numel()) check_size(op, height, width);
@@ -39,8 +41,8 @@ inline void check_interpolation(const char* op, int device, const Tensor& packed
       check_on(op, "attributes", *attributes, device, ScalarType::Float, {-1, -1, -1}, allowed);
     BIGTRI_CHECK(
         (attributes_shared(*attributes) || attributes->size(0) == views) && attributes->size(-2) == positions.size(-2),
-        "bigtri::", op, ": attributes must be ", allowed, " with B and V of positions, ", describe(positions), ", got ",
-        describe(*attributes));
+        "bigtri::", op, ": attributes must be ", allowed, " with B of packed and V of positions, ", describe(positions),
+        ", got ", describe(*attributes));
     channels = attributes->size(-1);
   }
   if (single)

@@ -17,6 +17,7 @@ void interpolate_pixels(const char* op, const std::string& precision, const Tens
   job.packed = const_data<int64_t>(packed);
   job.positions = const_data<float>(positions);
   job.vertices = positions.size(-2);
+  job.position_view = positions.dim() == 2 ? 0 : job.vertices * 4;
   job.triangles = const_data<int32_t>(triangles);
   job.triangle_count = triangles.size(0);
   job.views = packed.dim() == 2 ? 1 : packed.size(0);

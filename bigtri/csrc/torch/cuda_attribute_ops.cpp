@@ -28,6 +28,7 @@ void interpolate_pixels(const char* op, int device, const Tensor& packed, const 
   job.height = (int)packed.size(-2);
   job.width = (int)packed.size(-1);
   job.vertices = positions.size(-2);
+  job.position_view = positions.dim() == 2 ? 0 : job.vertices * 4;
   job.channels = out.size(-1);
   const Tensor scratch = empty({interpolation_scratch(job.batch, job.height, job.width)}, ScalarType::Byte, device);
   job.packed = const_data<int64_t>(packed);
