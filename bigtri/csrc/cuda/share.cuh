@@ -63,7 +63,7 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
     share.first = range.first;
     all = range.count;
     block -= range.first_block;
-    blocks = (uint32_t)((all + s.each - 1) / s.each);
+    blocks = ((uint32_t)all + (uint32_t)s.each - 1) / (uint32_t)s.each;
     if (block >= blocks) return share;
   } else if (f.views > 1) {
     share.view = (int32_t)(block / blocks);
@@ -115,7 +115,7 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
            : s->each > kShareThreads                    ? Way::kTested
            : total <= (int64_t)resident * kShareThreads ? Way::kEven
                                                         : Way::kApart;
-  s->blocks = (uint32_t)((f.count + s->each - 1) / s->each);
+  s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
   s->ranges = ranges;
   *blocks = (int64_t)s->blocks * f.views;
   if (ranges) BIGTRI_CUDA(launch_ranges(f, s->each, ranges, blocks, stream));
@@ -284,7 +284,7 @@ __device__ __forceinline__ int find_waiting(const Frame& f, const Vertex* projec
     const unsigned all = __ballot_sync(kAllLanes, may);
     if (may) list[waiting + __popc(all & lanes_below())] = *next + lane_id();
     waiting += __popc(all);
-    *next += kWarp;
+    *next += min_of(kWarp, end - *next);
   }
   __syncwarp();
   return waiting;
@@ -315,8 +315,8 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   int64_t* const pixels = pixels_of(f, share.view);
   // Of this warp: triangles that have not been looked at, [next, end), and how many wait in s->waiting.
   const int each = kTogether ? 0 : kWay == Way::kTested ? sharing.each / kShareWarps : kWarp;
-  int32_t next = share.first + warp * each;
-  const int32_t end = kTogether ? next : min_of(next + each, share.first + share.count);
+  int32_t next = share.first + min_of(warp * each, share.count);  // a list may be as long as int32 counts
+  const int32_t end = kTogether ? next : next + min_of(each, share.first + share.count - next);
   int waiting = 0;
   unsigned dropped = 0;
   if (kTogether) {
@@ -334,8 +334,6 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       count = min_of(waiting, kWarp);
       waiting -= count;
       t = s->waiting[waiting + min_of(lane_id(), max_of(count - 1, 0))];  // from the end, so that none has to move
-    } else {
-      next += kWarp;
     }
     Filed filed = {0, 0};
     unsigned clip = 0;
