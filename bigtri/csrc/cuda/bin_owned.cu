@@ -19,17 +19,17 @@ namespace {
 
 constexpr int64_t kMostKept = 1 << 16;
 constexpr int64_t kWarpsAllowed[] = {0, 4, 8, kMostWarps, -1};
-#define BIGTRI_LIST(X)                                                                                                \
-  X(few, "triangles", "up to so many, and 16 for each warp of a block, every block sets up all of them by itself",    \
-    256, 0, kMostKept)                                                                                                \
-  X(warps, "warps", "of a block that owns a patch of 64 px by 4 px a warp; 0: 8 for up to 128 triangles, else 16", 0, \
-    0, kMostWarps, kWarpsAllowed)                                                                                     \
-  BIGTRI_BLOCKS_PARAMETER(X)                                                                                          \
-  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,             \
-    kMostEntries)                                                                                                     \
-  BIGTRI_QUEUE_PARAMETER(X)                                                                                           \
-  BIGTRI_WIDEST_PARAMETER(X)                                                                                          \
-  BIGTRI_SHARE_PARAMETER(X)                                                                                           \
+#define BIGTRI_LIST(X)                                                                                                 \
+  X(few, "triangles", "up to so many, and 16 for each warp of a block, every block sets up all of them by itself",     \
+    256, 0, kMostKept)                                                                                                 \
+  X(warps, "warps", "of a block that owns a patch of 64 px by 4 px a warp; 0: 16 for 129 to few triangles, else 8", 0, \
+    0, kMostWarps, kWarpsAllowed)                                                                                      \
+  BIGTRI_BLOCKS_PARAMETER(X)                                                                                           \
+  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,              \
+    kMostEntries)                                                                                                      \
+  BIGTRI_QUEUE_PARAMETER(X)                                                                                            \
+  BIGTRI_WIDEST_PARAMETER(X)                                                                                           \
+  BIGTRI_SHARE_PARAMETER(X)                                                                                            \
   X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
@@ -248,6 +248,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   int64_t blocks;
   BIGTRI_CUDA(
       share_triangles(draw_by_rows<Way::kTogether>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
+  if (r.sharing.way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
   r.widest = widest_rows(f, r.sharing, v.widest);
   BIGTRI_CUDA(with_way(r.sharing.way, [&](auto way) {
@@ -297,9 +298,9 @@ cudaError_t draw(const Frame& f, const int64_t* values, void* scratch, cudaStrea
 }  // namespace
 
 extern const CudaVariant bin_owned_variant;
-const CudaVariant bin_owned_variant = {"bin_owned",
-                                       "blocks own pixels and write each once, hidden surfaces rejected; docs/cuda.md",
-                                       kParameters, scratch_bytes, draw};
+const CudaVariant bin_owned_variant = {
+    "bin_owned", "few triangles: blocks own pixels and write each once; else rows of pixels by atomics; docs/cuda.md",
+    kParameters, scratch_bytes, draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -1,4 +1,4 @@
-// What waits for the blocks that own bins: records, and for each bin of each view a list of those that touch it. A record that
+// What waits for the blocks that own patches: records, and for each bin of each view a list of those that touch it. A record that
 // touches many bins, or finds a list full, goes to one more list, which all blocks look at for all bins: nothing is
 // lost, and a triangle that fills the screen does not take an atomic for each of its bins.
 #pragma once

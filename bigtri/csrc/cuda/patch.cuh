@@ -332,9 +332,9 @@ __device__ __forceinline__ void draw_region(const Frame& f, int view, Region& re
 // warp draws its region of each patch, the pixels in registers, mostly once. If more gathers than there is room for,
 // the patches are drawn several times, each time from what the last one left. Before: begin_turn(f, blockIdx.x),
 // PatchShared::begin, a barrier. Candidates: const Record* records; of those that all patches look at box(int i), for
-// in_box, and int slot(int i); kLists: there can be more of them than half as many as threads, there are lists for each
+// in_box, and int slot(int i); kLists: there can be more of them than threads, there are lists for each
 // bin besides, int listed(int view, int bin_x, int bin_y), int listed_slot(int view, int bin_x, int bin_y, int i), and
-// the frame may have several views. What comes from lists is merged into the frame, the rest is written.
+// the frame may have several views. With kLists all is merged into the frame, without it written.
 template <int kWarps, class Candidates>
 __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& candidates, int room) {
   constexpr int kThreads = kWarps * kWarp;

@@ -18,10 +18,10 @@ struct RowTriangle {
   uint32_t triangle;
   uint32_t corner;  // of the bbox, px: x | y << 16
   uint32_t size;    // of the bbox, px: columns | thin << 15 | rows << 16
-  int32_t f[3], sx[3], sy[3];  // of each edge at the bbox's first pixel, and its steps
+  int32_t f[3], sx[3], sy[3];  // of each edge at the bbox's first pixel, in steps of a pixel, and the steps
   // For depth elsewhere than in that cell, and of thin triangles; else not set.
   float z[3];
-  int64_t value[3];  // of each edge at the cell's first pixel
+  int64_t value[3];  // of each edge at the cell's first pixel, subpx^2
   Divisor area;
 
   __device__ __forceinline__ int x() const { return (int)(corner & 0xffff); }
@@ -169,7 +169,8 @@ __device__ __forceinline__ void draw_pixels(int64_t* pixels, int first, int coun
     if (seen[g]) keep_nearest(pixels + at[g], packed[g], false);
 }
 
-// Where the bbox reaches over several cells, each of its rows counts as 2^bits rows, one for each cell.
+// Where the bbox reaches over several cells, each of its rows counts as 2^bits rows, one for each cell; those that are
+// too many are empty.
 __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
   const int more = (r.x() + r.columns() - 1) / kBin - r.x() / kBin;
   return more > 0 ? 32 - __clz(more) : 0;

@@ -16,8 +16,8 @@ constexpr int kShareWarps = kShareThreads / kWarp;
 // What a block does with its share.
 enum class Way {
   kTogether,  // up to 32 triangles, drawn by all warps together, so that a large one does not hold up a warp
-  kEven,  // each warp sets up 32 of its own, and the others help it where it has far more to draw than they
-  kApart,  // each warp draws 32 of its own
+  kEven,  // as kApart, but the others help a warp that has far more to draw than they
+  kApart,  // each warp draws 32 of its own, by boxes (small.cuh) where most are small
   kTested,  // each warp tests many, and draws those that may show, 32 at a time
 };
 constexpr int kMostBatches = 8;
@@ -83,7 +83,8 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
 // Pixels of the image, or of all views, for each triangle: up to the first number most triangles cover none, from the
 // second on some may be large.
 constexpr double kTinyPixels = 0.8, kSmallPixels = 16;
-constexpr int64_t kMostTogether = 224;  // triangles for each block that the device holds at once, if some may be large
+constexpr int64_t kMostTogether =
+    224;  // triangles for each block that the device holds at once, if some may be large; else half
 
 // Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones, and where
 // an image has many pixels, what waits for blocks that own them takes long to begin.
@@ -110,7 +111,7 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
     if (projected && pixels_each <= kTinyPixels && total > (int64_t)resident * kMostBatches * kShareThreads / 2)
       s->each = kMostBatches * kShareThreads;
   }
-  // Where blocks take many turns, they even out by themselves.
+  // Where there are more blocks than the device holds at once, they even out by themselves.
   s->way = s->each <= kWarp                             ? Way::kTogether
            : s->each > kShareThreads                    ? Way::kTested
            : total <= (int64_t)resident * kShareThreads ? Way::kEven
@@ -362,7 +363,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       }
       if (__any_sync(kAllLanes, have)) filed = file(p, f.first_triangle + t, share.view, have, widest, s);
     }
-    // This warp draws triangles of warps owner, ..., owners - 1, and of their rows every step-th 32 from `first` on.
+    // This warp draws triangles of warps owner, ..., owners - 1, and of their rows 32 at first, first + step, ...
     int owner = warp, owners = warp + 1, first = 0, step = kWarp;
     bool shared_rows = false;
     if (kTogether) {
@@ -404,7 +405,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
         wait_for_previous();
         rest(share.view, s->records_end() - filed.rest, filed.rest);
       }
-      // Nobody reads this warp's memory any more.
+      // After this nobody else reads this warp's memory.
       if (kWay == Way::kEven && shared_rows) __syncthreads();
       if (!clip) break;
       const int number = __ffs(clip) - 1;

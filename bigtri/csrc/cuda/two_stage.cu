@@ -116,14 +116,15 @@ __global__ void __launch_bounds__(kThreads)
 
 cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
-  const Queue q = take_queue(&scratch, f, v);
+  Queue q = take_queue(&scratch, f, v);
+  Sharing sharing;
+  int64_t set_up_blocks;
+  BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kTogether>, f, q.projected, v.share, nullptr, &sharing,
+                              &set_up_blocks, stream));
+  if (sharing.way == Way::kTogether) q.projected = nullptr;  // blocks project corners while the image is cleared
   BIGTRI_CUDA(launch_clear(f, q.projected, Zeros::of(q.counters, kCounters), stream));
   if (f.count > 0) {
-    Sharing sharing;
     int blocks;
-    int64_t set_up_blocks;
-    BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kTogether>, f, q.projected, v.share, nullptr, &sharing,
-                                &set_up_blocks, stream));
     const int widest = widest_rows(f, sharing, v.widest);
     BIGTRI_CUDA(with_way(sharing.way, [&](auto way) {
       return launch_next(set_up_and_enqueue<way.value>, set_up_blocks, kShareThreads, 0, stream, f, q, sharing, widest);
