@@ -107,8 +107,8 @@ def test_the_attribute_operators_take_one_view_or_several():
         (0, packed[0, 0], r"packed must be .*, int64 \[H, W\] or \[B, H, W\], got Long \["),
         (1, positions, r"positions must be .*, float32 \[V, 4\], as packed is \[H, W\], got Float \["),
         (3, attributes[0, 0], r"attributes must be .*, float32 \[V, C\] or \[B or 1, V, C\], got Float \[5\]"),
-        (3, attributes[0, 1:], r"attributes must be float32 .* with B and V of positions, .*, got Float \["),
-        (3, attributes.expand(2, -1, -1).contiguous(), r"attributes must be float32 .* with B and V of positions, "),
+        (3, attributes[0, 1:], r"attributes must be float32 .* with B of packed and V of positions, .*, got Float \["),
+        (3, attributes.expand(2, -1, -1).contiguous(), r"attributes must be float32 .* with B of packed and V of positions, "),
         (5, out, r"out must be .*, float32 \[H, W, C\], got Float \[1, "),
     ):
         given = [*one, attributes[0], precision, seen]
