@@ -219,6 +219,14 @@ def small_on_cells(rng: np.random.Generator) -> Case:
     return from_pixels(xy, rng.uniform(0, 1, (count, 3)) * rng.choice([1, 1, 1, 1.2], (count, 1)), (256, 256))
 
 
+def half_boxes(rng: np.random.Generator) -> Case:
+    """Halves of 8x8 px with 36 pixels each: together more than the GPU has room for at once in a list for 32 triangles."""
+    count = 288
+    legs = np.array([[-1, -1], [7 * 256 + 2, -1], [-1, 7 * 256 + 2]]) / 256
+    corner = rng.integers(8, 118, (count, 1, 2)) + 0.5
+    return from_pixels(corner + legs * rng.choice([1, -1], (count, 1, 2)), rng.uniform(0.05, 0.95, (count, 3)), (128, 128))
+
+
 def mesh_of_small(rng: np.random.Generator) -> Case:
     """A mesh of 11 px triangles: vertices of several triangles each, with a w of their own, more than one block has threads."""
     n = 18
@@ -409,6 +417,7 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
         crossings,
         crowded,
         small_on_cells,
+        half_boxes,
         mesh_of_small,
         small_by_the_screen,
         long_slivers,
