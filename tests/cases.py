@@ -220,11 +220,18 @@ def small_on_cells(rng: np.random.Generator) -> Case:
 
 
 def half_boxes(rng: np.random.Generator) -> Case:
-    """Halves of 8x8 px with 36 pixels each: together more than the GPU has room for at once in a list for 32 triangles."""
-    count = 288
-    legs = np.array([[-1, -1], [7 * 256 + 2, -1], [-1, 7 * 256 + 2]]) / 256
-    corner = rng.integers(8, 118, (count, 1, 2)) + 0.5
-    return from_pixels(corner + legs * rng.choice([1, -1], (count, 1, 2)), rng.uniform(0.05, 0.95, (count, 3)), (128, 128))
+    """Halves of 8x8 px with 36 pixels each: more together than the GPU's list for 32 of them holds, but not than two lists.
+
+    In front of them, one in eight: halves of 16x16 px, some of which go beyond z = 1.
+    """
+    count, size = 288, 160
+    legs = np.tile(np.array([[-1, -1], [7 * 256 + 2, -1], [-1, 7 * 256 + 2]]) / 256, (count, 1, 1))
+    z = rng.uniform(0.1, 0.95, (count, 3))
+    legs[::8] = np.array([[-1, -1], [15 * 256 + 2, -1], [-1, 15 * 256 + 2]]) / 256
+    z[::8] = rng.uniform(0.01, 0.1, (36, 3))
+    z[::24] = rng.uniform(0.9, 1.2, (12, 3))
+    corner = rng.integers(16, size - 16, (count, 1, 2)) + 0.5
+    return from_pixels(corner + legs * rng.choice([1, -1], (count, 1, 2)), z, (size, size))
 
 
 def mesh_of_small(rng: np.random.Generator) -> Case:
