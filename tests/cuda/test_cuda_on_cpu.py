@@ -170,7 +170,7 @@ def test_views_of_one_mesh(variant: str) -> None:
     """Each view is drawn as if it were alone, whatever the one before it has left in the scratch memory."""
     case = case_of("mixed")
     views = case.positions * np.array([[[1, 1, 1, 1]], [[-1, 0.5, 1, 1]], [[0.1, 0.1, 1, 1]]], np.float32)
-    for settings in as_read(variant, PATHS.values()):
+    for settings in as_read(variant, (*PATHS.values(), {"few": 0, "share": 4})):
         alone = [job(case._replace(positions=positions), variant, settings) for positions in views]
         packed, depth = np.stack([view.packed for view in alone]), np.stack([view.depth for view in alone])
         dropped = np.array([view.dropped for view in alone])
