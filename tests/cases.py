@@ -219,6 +219,21 @@ def small_on_cells(rng: np.random.Generator) -> Case:
     return from_pixels(xy, rng.uniform(0, 1, (count, 3)) * rng.choice([1, 1, 1, 1.2], (count, 1)), (256, 256))
 
 
+def half_boxes(rng: np.random.Generator) -> Case:
+    """Halves of 8x8 px with 36 pixels each: more together than the GPU's list for 32 of them holds, but not than two lists.
+
+    In front of them, one in eight: halves of 16x16 px, some of which go beyond z = 1.
+    """
+    count, size = 288, 160
+    legs = np.tile(np.array([[-1, -1], [7 * 256 + 2, -1], [-1, 7 * 256 + 2]]) / 256, (count, 1, 1))
+    z = rng.uniform(0.1, 0.95, (count, 3))
+    legs[::8] = np.array([[-1, -1], [15 * 256 + 2, -1], [-1, 15 * 256 + 2]]) / 256
+    z[::8] = rng.uniform(0.01, 0.1, (36, 3))
+    z[::24] = rng.uniform(0.9, 1.2, (12, 3))
+    corner = rng.integers(16, size - 16, (count, 1, 2)) + 0.5
+    return from_pixels(corner + legs * rng.choice([1, -1], (count, 1, 2)), z, (size, size))
+
+
 def mesh_of_small(rng: np.random.Generator) -> Case:
     """A mesh of 11 px triangles: vertices of several triangles each, with a w of their own, more than one block has threads."""
     n = 18
@@ -409,6 +424,7 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
         crossings,
         crowded,
         small_on_cells,
+        half_boxes,
         mesh_of_small,
         small_by_the_screen,
         long_slivers,

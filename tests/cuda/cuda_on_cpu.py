@@ -57,7 +57,7 @@ class Job(NamedTuple):
     case: Case
     packed: NDArray[np.int64]  # [H, W] or [B, H, W]
     depth: NDArray[np.float32]  # as packed
-    dropped: int  # in all views
+    dropped: NDArray[np.int64] | int  # [B], of each view, or of the only one
     variant: str
     settings: Mapping[str, int]  # parameters; those that the variant does not have are left out
     cull: str = "none"
@@ -154,8 +154,8 @@ def parameters(library: ctypes.CDLL, variant: str) -> dict[str, Parameter]:
     return found
 
 
-def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.float32], int]:
-    """packed, depth and dropped of a job, by its kernels."""
+def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
+    """packed, depth and dropped [B] of a job, by its kernels."""
 
     def pointer(array: NDArray) -> ctypes.c_void_p:
         return array.ctypes.data_as(ctypes.c_void_p)
@@ -185,7 +185,7 @@ def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.
         *map(pointer, (view, values, packed, depth, dropped)),
     )
     assert refused == 0, (refused, job.variant, settings)
-    return packed, depth, int(dropped.sum())
+    return packed, depth, dropped
 
 
 def differences(library: ctypes.CDLL, jobs: Iterable[tuple[int, Job]]) -> list[str]:
@@ -195,7 +195,7 @@ def differences(library: ctypes.CDLL, jobs: Iterable[tuple[int, Job]]) -> list[s
         library.set_order(order)  # of threads, and of warps: must not matter
         packed, depth, dropped = draw(library, job)
         depths = int((depth.view(np.int32) != job.depth.view(np.int32)).sum())
-        wrong = int((packed != job.packed).sum()), depths, dropped - job.dropped
+        wrong = int((packed != job.packed).sum()), depths, int((dropped != job.dropped).sum())
         if any(wrong):
             how = f"{job.variant}, {dict(job.settings)}, cull {job.cull}, scissor {job.scissor}"
             found.append(f"{how}, order {order}: {wrong} values differ")

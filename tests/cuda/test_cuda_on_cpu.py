@@ -170,17 +170,20 @@ def test_views_of_one_mesh(variant: str) -> None:
     """Each view is drawn as if it were alone, whatever the one before it has left in the scratch memory."""
     case = case_of("mixed")
     views = case.positions * np.array([[[1, 1, 1, 1]], [[-1, 0.5, 1, 1]], [[0.1, 0.1, 1, 1]]], np.float32)
-    for settings in as_read(variant, PATHS.values()):
+    for settings in as_read(variant, (*PATHS.values(), {"few": 0, "share": 4})):
         alone = [job(case._replace(positions=positions), variant, settings) for positions in views]
         packed, depth = np.stack([view.packed for view in alone]), np.stack([view.depth for view in alone])
-        dropped = sum(view.dropped for view in alone)
+        dropped = np.array([view.dropped for view in alone])
         assert_right([Job(case._replace(positions=views), packed, depth, dropped, variant, settings)])
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_ranges_of_one_list(variant: str) -> None:
-    """More views than a launch can carry ranges of, and than a warp can look at in one step; some of them empty."""
-    case = case_of("mixed")._replace(resolution=(20, 24))
+    """More views than a launch can carry ranges of, and than a warp can look at in one step; some of them empty.
+
+    Of an odd number of pixels, so that every second one begins between two places of 16 bytes.
+    """
+    case = case_of("mixed")._replace(resolution=(19, 25))
     rng = np.random.default_rng(5)
     first = rng.integers(0, len(case.triangles), 1100)
     count = np.minimum(rng.integers(0, 9, 1100) * rng.integers(0, 40, 1100), len(case.triangles) - first)
@@ -188,7 +191,7 @@ def test_ranges_of_one_list(variant: str) -> None:
     tensors = torch.from_numpy(case.positions), torch.from_numpy(case.triangles)
     seen = bigtri.rasterize(*tensors, case.resolution, ranges=torch.from_numpy(ranges))
     assert seen.depth is not None
-    pictures = seen.packed.numpy(), seen.depth.numpy(), int(seen.dropped.sum())
+    pictures = seen.packed.numpy(), seen.depth.numpy(), seen.dropped.numpy()
     assert_right([Job(case, *pictures, variant, settings, ranges=ranges) for settings in ({}, {"share": 4}, {"share": 2048})])
 
 
@@ -202,7 +205,7 @@ def test_an_index_out_of_range_is_dropped_and_counted(index: int | str, variant:
     wrong[which, np.arange(11) % 3] = len(case.positions) if isinstance(index, str) else index
     finite = np.isfinite(case.positions[case.triangles]).all(axis=(1, 2))
     dropped = int((~finite).sum() + finite[which].sum())
-    paths, seen = as_read(variant, PATHS.values()), case._replace(triangles=without)
+    paths, seen = as_read(variant, (*PATHS.values(), {"few": 0, "share": 4})), case._replace(triangles=without)
     assert_right([job(seen, variant, s, triangles=wrong, dropped=dropped) for s in paths])
 
 
@@ -221,12 +224,17 @@ def test_nothing_to_draw(variant: str) -> None:
         ("persistent.cu", "WarpOwn warp[kWarps];", "WarpOwn warp[kWarps / kWarps];", "cuda_on_cpu: "),
         ("patch.cuh", "if (k == 0) {", "if (k == 0) { __syncthreads();", "cuda_on_cpu: "),
         ("bin_owned.cu", "blockIdx.x);\n  __syncthreads();\n  Fate", "blockIdx.x);\n  Fate", "values differ"),
-        ("sliver.cuh", "for (bool more = true; more;)", "for (bool more = true; more; more = s->count > 0)", "cuda_on_cpu: "),
+        ("sliver.cuh", "something else there\n      __syncthreads();", "something else there", "values differ"),
     ],
 )
 def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path: Path) -> None:
     """A formula, memory, a barrier that not all reach, one that is not there, what one warp reads after another has gone on."""
     library = cuda_on_cpu.build(tmp_path / "build", (file, old, new))
-    drawn = [("mixed", "bin_owned"), ("mixed", "persistent"), ("layers", "bin_owned")]
-    jobs = [job(case_of(name), variant, {"queue": 1}) for name, variant in drawn]
+    drawn = [
+        ("mixed", "bin_owned", 1),
+        ("mixed", "persistent", 1),
+        ("layers", "bin_owned", 1),
+        ("long_slivers", "bin_owned", 700),
+    ]
+    jobs = [job(case_of(name), variant, {"queue": queue}) for name, variant, queue in drawn]
     assert said in cuda_on_cpu.differences_in_children(library, jobs)
