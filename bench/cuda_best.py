@@ -165,15 +165,7 @@ def main(argv: list[str] | None = None) -> int:
     contest = Contest(cuda_clock.clock_for(device), cuda_cases.start_floor(device), where, ways, arguments.seconds)
 
     print(HEADER, flush=True)
-    for number, job in enumerate(jobs):
-        if time.perf_counter() > end:
-            print(f"--total is over: {len(jobs) - number} left out, from {job}")
-            break
-        try:
-            given = maker.make(job)
-        except ValueError as error:  # the image is too small for it
-            print(error)
-            continue
+    for job, given in cuda_cases.made(jobs, maker, end):
         before = len(contest.verdicts)
         try:
             contest.case(Case(job, given, device))

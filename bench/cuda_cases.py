@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-from collections.abc import Iterable, Mapping
+import time
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -326,3 +327,17 @@ def start_floor(device: torch.device) -> cuda_floor.Floor | None:
     except cuda_floor.UnavailableError as error:
         print(f"no memset, empty kernel or floor: {error}")
         return None
+
+
+def made(todo: list[Job], maker: Maker, end: float) -> Iterator[tuple[Job, meshes.Batch]]:
+    """The jobs and what they draw, until ``time.perf_counter()`` is past ``end``; what is left out is said."""
+    for number, job in enumerate(todo):
+        if time.perf_counter() > end:
+            print(f"--total is over: {len(todo) - number} left out, from {job}")
+            return
+        try:
+            given = maker.make(job)
+        except ValueError as error:  # the image is too small for it
+            print(error)
+            continue
+        yield job, given

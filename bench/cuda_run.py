@@ -240,15 +240,7 @@ def main(argv: list[str] | None = None) -> int:
     peers = read_peers()
 
     print(HEADER, flush=True)
-    for number, job in enumerate(jobs):
-        if time.perf_counter() > end:
-            print(f"--total is over: {len(jobs) - number} left out, from {job}")
-            break
-        try:
-            given = maker.make(job)
-        except ValueError as error:  # the image is too small for it
-            print(error)
-            continue
+    for job, given in cuda_cases.made(jobs, maker, end):
         before = len(bench.rows)
         try:
             bench.case(Case(job, given, device), variants)

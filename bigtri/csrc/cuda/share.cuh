@@ -83,8 +83,8 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
 // Pixels of the image, or of all views, for each triangle: up to the first number most triangles cover none, from the
 // second on some may be large.
 constexpr double kTinyPixels = 0.8, kSmallPixels = 16;
-constexpr int64_t kMostTogether =
-    224;  // triangles for each block that the device holds at once, if some may be large; else half
+// Triangles for each block that the device holds at once, if some may be large; else half as many.
+constexpr int64_t kMostTogether = 224;
 
 // Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones, and where
 // an image has many pixels, what waits for blocks that own them takes long to begin.

@@ -286,7 +286,7 @@ __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* recor
         draw_sliver<true>(f, s);
       else
         draw_sliver<false>(f, s);
-      more = s->count > 0;  // known to all before a thread leaves and its warp writes something else there
+      more = s->count > 0;
       __syncthreads();
     }
   }
