@@ -32,8 +32,9 @@ PATHS: dict[str, dict[str, int]] = {
     "rows, queue 1": {"few": 0, "widest": 8, "queue": 1},
     "rows, two bands, short lists": {"few": 0, "widest": 8, "cache": 200_000, "queue": 600},
     "none by rows": {"few": 0, "widest": 1},
-    "apart": {"few": 0, "share": 256},
-    "tested": {"few": 0, "share": 2048},
+    "even": {"few": 0, "share": 256},
+    "apart": {"few": 0, "share": 128},
+    "tested": {"few": 0, "share": 1024},
     "entries 1": {"entries": 1},
     "rows, entries 1, 4 warps": {"few": 0, "widest": 8, "entries": 1, "warps": 4},
     "4 warps": {"warps": 4},
@@ -41,7 +42,7 @@ PATHS: dict[str, dict[str, int]] = {
     "16 warps": {"warps": 16},
     "one block": {"blocks": 1},
 }
-QUICK = ("as it is", "16 warps", "rows", "rows, queue 1", "apart", "tested", "entries 1")
+QUICK = ("as it is", "16 warps", "rows", "rows, queue 1", "even", "apart", "tested", "entries 1")
 CULLS = ("none", "back")
 
 

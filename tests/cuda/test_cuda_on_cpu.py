@@ -192,7 +192,7 @@ def test_ranges_of_one_list(variant: str) -> None:
     seen = bigtri.rasterize(*tensors, case.resolution, ranges=torch.from_numpy(ranges))
     assert seen.depth is not None
     pictures = seen.packed.numpy(), seen.depth.numpy(), seen.dropped.numpy()
-    assert_right([Job(case, *pictures, variant, settings, ranges=ranges) for settings in ({}, {"share": 4}, {"share": 2048})])
+    assert_right([Job(case, *pictures, variant, settings, ranges=ranges) for settings in ({}, {"share": 4}, {"share": 1024})])
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

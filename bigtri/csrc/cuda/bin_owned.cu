@@ -180,7 +180,7 @@ struct Rows {
 Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
   Rows r;
   r.waiting = take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles));
-  r.projected = take_projected(scratch, f, v.share > kShareThreads);
+  r.projected = take_projected(scratch, f, way_of(v.share) == Way::kTested);
   r.ranges = f.ranges ? scratch->take<ViewRange>(f.views) : nullptr;
   return r;
 }
@@ -213,9 +213,9 @@ __device__ __noinline__ void wait_or_draw(const Frame& f, const Waiting& w, int3
 }
 
 template <Way kWay>
-__global__ void __launch_bounds__(kShareThreads, kShareBlocks)
+__global__ void __launch_bounds__(block_threads(kWay), blocks_held(kWay))
     draw_by_rows(const __grid_constant__ Frame f, const __grid_constant__ Rows r) {
-  __shared__ ShareShared shared;
+  __shared__ ShareShared<kWay> shared;
   let_next_begin();
   draw_share<kWay>(f, r.sharing, r.projected, r.widest, &shared, [&](int32_t view, const Record* records, int count) {
     wait_or_draw(f, r.waiting, view, records, count);
@@ -247,12 +247,13 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   BIGTRI_CUDA(sliver_bands(f, v.cache, &r.waiting.bands));
   int64_t blocks;
   BIGTRI_CUDA(
-      share_triangles(draw_by_rows<Way::kTogether>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
-  if (r.sharing.way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
+      share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
+  const Way way = way_of(r.sharing.each);
+  if (way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
-  r.widest = widest_rows(f, r.sharing, v.widest);
-  BIGTRI_CUDA(with_way(r.sharing.way, [&](auto way) {
-    return launch_next(draw_by_rows<way.value>, blocks, kShareThreads, 0, stream, f, r);
+  r.widest = widest_rows(f, way, v.widest);
+  BIGTRI_CUDA(with_way(way, [&](auto of) {
+    return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);
   }));
   int for_patches;
   BIGTRI_CUDA(blocks_for(draw_waiting<kWarps>, kWarps * kWarp, sizeof(PatchShared<kWarps>),

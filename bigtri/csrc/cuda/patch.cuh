@@ -77,12 +77,6 @@ __device__ __forceinline__ uint32_t this_thread() {
   return i;
 }
 
-// A value in shared memory, read again instead of kept in a register.
-template <class T>
-__device__ __forceinline__ T reread(const T& v) {
-  return *const_cast<const volatile T*>(&v);
-}
-
 // Shared memory of a block that owns patches. What all of its threads know is here too, and read again where it is
 // needed: the registers are for drawing, and what spills out of them comes back from far away.
 template <int kWarps>
