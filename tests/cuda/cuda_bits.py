@@ -20,11 +20,13 @@ DEVICE = "cuda"
 VARIANTS = native.VARIANTS.get("cuda", ())
 needs_cuda = pytest.mark.skipif("cuda" not in native.devices(), reason="no CUDA build, or no CUDA device")
 
-# Launch settings under which a scene takes another way through the kernels; up to 256 triangles its own way is "few".
+EVERY = 65536  # a bound on few triangles that no case has more of
+# Launch settings under which a scene takes another way through the kernels.
 PATHS: dict[str, dict[str, int]] = {
     "default": {},
-    "few warps": {"warps": 4},
-    "many warps": {"warps": 16},
+    "few": {"few": EVERY},
+    "few warps": {"few": EVERY, "warps": 4},
+    "many warps": {"few": EVERY, "warps": 16},
     "rows": {"few": 0},
     "narrow": {"few": 0, "widest": 20},
     "even": {"few": 0, "share": 256},

@@ -17,19 +17,22 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr int64_t kMostKept = 1 << 16;
+constexpr int64_t kFew = 256, kMostKept = 1 << 16;
 constexpr int64_t kWarpsAllowed[] = {0, 4, 8, kMostWarps, -1};
-#define BIGTRI_LIST(X)                                                                                                 \
-  X(few, "triangles", "up to so many, and 16 for each warp of a block, every block sets up all of them by itself",     \
-    256, 0, kMostKept)                                                                                                 \
-  X(warps, "warps", "of a block that owns a patch of 64 px by 4 px a warp; 0: 16 for 129 to few triangles, else 8", 0, \
-    0, kMostWarps, kWarpsAllowed)                                                                                      \
-  BIGTRI_BLOCKS_PARAMETER(X)                                                                                           \
-  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,              \
-    kMostEntries)                                                                                                      \
-  BIGTRI_QUEUE_PARAMETER(X)                                                                                            \
-  BIGTRI_WIDEST_PARAMETER(X)                                                                                           \
-  BIGTRI_SHARE_PARAMETER(X)                                                                                            \
+#define BIGTRI_LIST(X)                                                                                              \
+  X(few, "triangles",                                                                                               \
+    "up to so many, and 16 for each warp of a block, every block sets up all of them by itself; up to 256 only in " \
+    "an image of 3000 px for each",                                                                                 \
+    kFew, 0, kMostKept)                                                                                             \
+  X(warps, "warps",                                                                                                 \
+    "of a block that owns a patch of 64 px by 4 px a warp; 0: 16 for 129 and more that are few, else 8", 0, 0,      \
+    kMostWarps, kWarpsAllowed)                                                                                      \
+  BIGTRI_BLOCKS_PARAMETER(X)                                                                                        \
+  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,           \
+    kMostEntries)                                                                                                   \
+  BIGTRI_QUEUE_PARAMETER(X)                                                                                         \
+  BIGTRI_WIDEST_PARAMETER(X)                                                                                        \
+  BIGTRI_SHARE_PARAMETER(X)                                                                                         \
   X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
@@ -265,13 +268,16 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
 
 // ---
 
-// The rows' blocks merge what waits, which is mostly slivers and few large triangles: small blocks share it better.
-int warps_of(const Frame& f, const Values& v) {
-  return v.warps > 0 ? (int)v.warps : f.count > 128 && f.count <= v.few ? 16 : 8;
+// Where triangles are few and the image is small, most of its patches are empty, and rows are sooner done.
+constexpr double kPixelsOfFew = 3000;  // of the image for each triangle
+bool are_few(const Frame& f, const Values& v) {
+  return f.views == 1 && !f.ranges && f.count <= min_of<int64_t>(v.few, most_few(v.warps > 0 ? (int)v.warps : 16)) &&
+         (v.few > kFew || pixels_each(f) >= kPixelsOfFew);
 }
 
-bool are_few(const Frame& f, const Values& v) {
-  return f.views == 1 && !f.ranges && f.count <= min_of<int64_t>(v.few, most_few(warps_of(f, v)));
+// The rows' blocks merge what waits, which is mostly slivers and few large triangles: small blocks share it better.
+int warps_of(const Frame& f, const Values& v) {
+  return v.warps > 0 ? (int)v.warps : are_few(f, v) && f.count > most_few(8) ? 16 : 8;
 }
 
 template <int kWarps>

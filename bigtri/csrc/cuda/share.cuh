@@ -271,10 +271,10 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   const int64_t first_vertex = share.view * (f.view_stride / 4);
   int64_t* const pixels = pixels_of(f, share.view);
   const Vertex* const own_projected = projected ? projected + first_vertex : nullptr;  // of the view
-  // This warp's triangles, [begin, end), where it has its own. A list may be as long as int32 counts.
-  const int each = kWay == Way::kTested ? sharing.each / kWarps : kWarp;
-  const int32_t begin = share.first + min_of(warp * each, share.count);
-  const int32_t end = begin + min_of(each, share.first + share.count - begin);
+  // This warp's triangles, [begin, end), where it has its own.
+  const int each = sharing.each / kWarps;
+  const int32_t before = kTogether ? 0 : min_of(warp * share.step, share.count);
+  const int32_t begin = share.first + before, end = begin + min_of(each, share.count - before);
   if (kTogether) {
     // Each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of warp 0
     // is where the triangles end up.

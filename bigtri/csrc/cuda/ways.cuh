@@ -42,8 +42,11 @@ struct Sharing {
 };
 
 // Pixels of the image, or of all views, for each triangle: up to the first number most triangles cover none, from the
-// second on some may be large.
-constexpr double kTinyPixels = 0.8, kSmallPixels = 32;
+// second on some may be large, from the third on most.
+constexpr double kTinyPixels = 0.8, kSmallPixels = 16, kLargePixels = 1 << 14;
+inline double pixels_each(const Frame& f) {
+  return (double)f.views * f.view.width * f.view.height / (double)max_of<int64_t>(triangles_of_all(f), 1);
+}
 // Triangles for each block that the device holds at once, if some may be large; else half as many.
 constexpr int64_t kMostTogether = 224;
 
@@ -51,11 +54,11 @@ constexpr int64_t kMostTogether = 224;
 // whether there is memory for the vertices, which testing needs.
 inline int share_size(const Frame& f, int64_t resident, bool projected) {
   const int64_t total = triangles_of_all(f);
-  const double pixels = (double)f.views * f.view.width * f.view.height / (double)max_of<int64_t>(total, 1);
+  const double pixels = pixels_each(f);
   if (total > resident * kOfEven)  // more blocks than the device holds even out by themselves
     return projected && pixels <= kTinyPixels && total > resident * kOfEven * 4 ? kOfTested : kOfApart;
   if (total > resident * (pixels >= kSmallPixels ? kMostTogether : kMostTogether / 2)) return kOfEven;
-  int each = 8;
+  int each = 4;
   while (each < kWarp && total > resident * each) each *= 2;
   return each;
 }
@@ -64,7 +67,7 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
 // where an image has many pixels, what waits for blocks that own them takes long to begin.
 inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
-  if (way == Way::kApart || way == Way::kTested) return 64;
+  if (way == Way::kApart || way == Way::kTested || pixels_each(f) > kLargePixels) return 64;
   return (int64_t)f.view.width * f.view.height > (1 << 22) ? 256 : 192;
 }
 
@@ -100,8 +103,11 @@ cudaError_t with_way(Way way, const Launch& launch) {
   }
 }
 
-// A block's share: triangles first, first + step, ... of a view, `count` of them. Those drawn together lie as far apart
-// in the list as they can: neighbours are alike in size, and what has to be clipped comes in rows.
+// A block's share of a view's triangles. Together: first, first + step, ..., `count` of them. Else `each` in a row for
+// each warp, from first, first + step, ... on, as far as `count` reaches from the first one.
+//
+// Where warps draw together or help each other, a block's triangles lie as far apart in the list as they can: neighbours
+// are alike in size, and what has to be clipped comes in rows.
 struct Share {
   int32_t view, first, step, count;
 };
@@ -137,13 +143,17 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
     share.view = (int32_t)(block / blocks);
     block -= (uint32_t)share.view * blocks;
   }
+  // A list may be as long as int32 counts.
   if (kWay == Way::kTogether) {
     share.first += (int32_t)block;
     share.step = (int32_t)blocks;
     share.count = (all - 1 - (int32_t)block) / (int32_t)blocks + 1;
   } else {
-    share.first += (int32_t)block * s.each;
-    share.count = min_of(s.each, all - (int32_t)block * s.each);
+    const int each = s.each / block_warps(kWay);
+    const int32_t before = (int32_t)block * (kWay == Way::kEven ? each : s.each);
+    share.first += before;
+    share.step = kWay == Way::kEven ? (int32_t)blocks * each : each;
+    share.count = kWay == Way::kEven ? all - before : min_of(s.each, all - before);
   }
   return share;
 }
