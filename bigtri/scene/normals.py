@@ -1,8 +1,14 @@
-"""Face normals, vertex normals and closedness of a mesh. float64 in a fixed order, so that every machine gets the same bits."""
+"""Face normals, vertex normals and closedness of a mesh. float64 in a fixed order, so that every machine gets the same bits.
+
+Vectors are arrays [3, ...], one row a component. What is long is worked on in chunks, so that the memory needed is about that of
+the result.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +16,16 @@ from numpy.typing import NDArray
 # Around a vertex with more corners than this, all of them share one normal: the pairs that a crease needs grow with the square.
 _MANY_CORNERS = 64
 
+# Triangles, or corners, that are worked on at a time: their temporaries stay in the cache and small beside the mesh.
+_CHUNK = 1 << 16
+
 
 def face_normals(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDArray[np.float32]:
     """Unit normals float32 [T, 3] of positions [V, 3], triangles [T, 3]; (0, 0, 0) for a triangle without an area."""
-    return _unit(_area_vectors(positions, triangles)).astype(np.float32)
+    normals = np.empty((len(triangles), 3), np.float32)
+    for chunk in _chunks(len(triangles)):
+        normals[chunk] = _unit(_area_vectors(positions, triangles[chunk])).T
+    return normals
 
 
 def split_normals(
@@ -21,9 +33,9 @@ def split_normals(
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
     """Vertex normals that keep sharp edges sharp.
 
-    At each corner the area-weighted normals of the faces around that point of space are added up, those that turn away from the
-    corner's own face by more than ``crease`` degrees left out. Vertices in the same place count as one, whatever their texture
-    coordinates, so that a seam of the texture is none of the surface.
+    At each corner the area-weighted normals of the faces around that point of space are added up, in the order of the faces, those
+    that turn away from the corner's own face by more than ``crease`` degrees left out. Vertices in the same place count as one,
+    whatever their texture coordinates, so that a seam of the texture is none of the surface.
 
     Args:
         positions: float32 [V, 3].
@@ -32,38 +44,36 @@ def split_normals(
 
     Returns:
         source: int64 [N], the vertex that new vertex n is a copy of; triangles: int32 [T, 3] over the new vertices;
-        normals: float32 [N, 3].
+        normals: float32 [N, 3]. New vertices are ordered by source, then by the bits of the normal.
     """
-    area = _area_vectors(positions, triangles)
-    unit = _unit(area)
-    place = weld(positions)[triangles].reshape(-1)  # [3T], the point of space of every corner; corner c is of face c // 3
-    total = np.zeros((len(place), 3))
+    place = weld(positions)
+    total = _sums(positions, triangles, place)
+    creased = _creased(positions, triangles, place, total, crease)
+    uncreased_normals = _normals_of(total)
+    del total
 
-    order = np.argsort(place, kind="stable")
-    sorted_place = place[order]
-    first = np.searchsorted(sorted_place, sorted_place, side="left")
-    count = np.searchsorted(sorted_place, sorted_place, side="right") - first
+    # Where there is no crease, a vertex has one normal and stays one vertex. Elsewhere it is split.
+    corner_vertex = triangles.reshape(-1)
+    corner = np.flatnonzero(creased[place[corner_vertex]])
+    vertex = corner_vertex[corner]
+    corner_normals = _creased_normals(positions, triangles, corner, place[vertex], crease)
+    order, is_first = _sorted_rows([vertex, *corner_normals.T.copy().view(np.int32)])
+    first = order[is_first]  # of the corners with a crease, one for each new vertex
 
-    many = count > _MANY_CORNERS
-    if many.any():
-        summed = np.stack([np.bincount(place, area[np.arange(len(place)) // 3, i], len(place)) for i in range(3)], axis=1)
-        total[order[many]] = summed[sorted_place[many]]
-
-    few = np.flatnonzero(~many)
-    corner = np.repeat(order[few], count[few])
-    within = np.arange(len(corner)) - np.repeat(np.cumsum(count[few]) - count[few], count[few])
-    other = order[np.repeat(first[few], count[few]) + within] // 3
-    own = corner // 3
-    smooth = _dot(unit[own], unit[other]) >= math.cos(math.radians(crease))
-    corner, other = corner[smooth], other[smooth]
-    for i in range(3):
-        total[:, i] += np.bincount(corner, area[other, i], len(place))
-
-    # A face without an area agrees with no neighbour: it takes what its vertex has elsewhere, which cannot be seen anyway.
-    normals = _unit(total).astype(np.float32) + np.float32(0)
-    key = np.concatenate([triangles.reshape(-1, 1), normals.view(np.int32)], axis=1)
-    unique, inverse = np.unique(key, axis=0, return_inverse=True)
-    return unique[:, 0].astype(np.int64), inverse.reshape(-1, 3).astype(np.int32), unique[:, 1:].copy().view(np.float32)
+    copies = np.zeros(len(positions), np.int64)
+    copies[corner_vertex] = 1
+    copies[vertex] = 0
+    np.add.at(copies, vertex[first], 1)
+    begin = np.cumsum(copies) - copies
+    source = np.repeat(np.arange(len(positions)), copies)
+    normals = uncreased_normals[place[source]]
+    new_triangles = begin.astype(np.int32)[triangles]
+    if len(first):
+        split = vertex[first]
+        made = begin[split] + (np.arange(len(split)) - np.searchsorted(split, split))
+        normals[made] = corner_normals[first]
+        new_triangles.reshape(-1)[corner[order]] = made[np.cumsum(is_first) - 1]
+    return source, new_triangles, normals
 
 
 def is_closed(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> bool:
@@ -72,46 +82,186 @@ def is_closed(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> b
     Every directed edge must come with as many of its reverse, vertices in the same place counting as one, and the volume must be
     positive.
     """
-    place = weld(positions)[triangles].astype(np.int64)
-    solid = (place[:, 0] != place[:, 1]) & (place[:, 1] != place[:, 2]) & (place[:, 2] != place[:, 0])
-    place, corners = place[solid], positions[triangles[solid]].astype(np.float64)
-    if len(place) == 0:
-        return False
-    tail, head = place.reshape(-1), place[:, (1, 2, 0)].reshape(-1)
-    size = len(positions)
-    if not np.array_equal(np.sort(tail * size + head), np.sort(head * size + tail)):
-        return False
-    corners = corners - corners[0, 0]
-    return bool(np.sum(_dot(corners[:, 0], _cross(corners[:, 1], corners[:, 2]))) > 0)
+    place = weld(positions)
+    return _edges_cancel(place, triangles) and _volume(positions, place, triangles) > 0
 
 
-def weld(positions: NDArray[np.float32]) -> NDArray[np.int64]:
-    """int64 [V]: the same number for vertices in exactly the same place."""
-    if len(positions) == 0:
-        return np.zeros(0, np.int64)
-    return np.unique(positions + np.float32(0), axis=0, return_inverse=True)[1].reshape(-1)
+def weld(positions: NDArray[np.float32]) -> NDArray[np.int32]:
+    """int32 [V]: the same number, below V, for vertices in exactly the same place."""
+    order, is_first = _sorted_rows(list((positions.T + np.float32(0)).view(np.int32)))  # -0 is 0
+    place = np.empty(len(positions), np.int32)
+    place[order] = np.cumsum(is_first, dtype=np.int32) - 1
+    return place
+
+
+def _sums(positions: NDArray[np.float32], triangles: NDArray[np.int32], place: NDArray[np.int32]) -> NDArray[np.float64]:
+    """float64 [3, V]: the area vectors around each place, added up in the order of the faces."""
+    total = np.zeros((3, len(positions)))
+    for chunk in _chunks(len(triangles)):
+        corners = place[triangles[chunk]].reshape(-1)
+        for component, area in zip(total, _area_vectors(positions, triangles[chunk]), strict=True):
+            np.add.at(component, corners, np.repeat(area, 3))
+    return total
+
+
+def _creased(
+    positions: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    place: NDArray[np.int32],
+    total: NDArray[np.float64],
+    crease: float,
+) -> NDArray[np.bool_]:
+    """bool [V]: whether faces around a place may be more than ``crease`` degrees apart.
+
+    No two are where each is within half of that of their sum. What rounding may do to that is far below the 1e-6 added here.
+    """
+    nearest = math.cos(math.radians(crease / 2)) + 1e-6
+    middle = _unit(total)
+    creased = np.zeros(len(positions), bool)
+    for chunk in _chunks(len(triangles)):
+        unit = _unit(_area_vectors(positions, triangles[chunk]))
+        for corner in place[triangles[chunk]].T:
+            creased[corner[_dot(unit, middle.take(corner, axis=1)) < nearest]] = True
+    if creased.any():
+        count = np.zeros(len(positions), np.int64)
+        for chunk in _chunks(len(triangles)):
+            np.add.at(count, place[triangles[chunk]].reshape(-1), 1)
+        creased &= count <= _MANY_CORNERS
+    return creased
+
+
+def _creased_normals(
+    positions: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    corner: NDArray[np.int64],
+    place: NDArray[np.int32],
+    crease: float,
+) -> NDArray[np.float32]:
+    """float32 [N, 3]: the normal of each corner [N], where ``corner`` has all those of any of their places [N], rising."""
+    cosine = math.cos(math.radians(crease))
+    normals = np.empty((len(corner), 3), np.float32)
+    # By place, then as they are.
+    key = (place.astype(np.int64) << 32) | np.arange(len(place))
+    key.sort()
+    order, begin = key & 0xFFFFFFFF, np.flatnonzero(_changes(key >> 32))
+    del key
+    count = np.diff(begin, append=len(order))
+    for size in np.unique(count).tolist():
+        begin_of_size = begin[count == size]
+        for chunk in _chunks(len(begin_of_size), size):
+            around = order[begin_of_size[chunk] + np.arange(size)[:, None]]  # [size, places]
+            area = _area_vectors(positions, triangles[(corner[around] // 3).reshape(-1)]).reshape(3, *around.shape)
+            unit = _unit(area)
+            total = np.zeros_like(area)
+            for other in range(size):
+                smooth = _dot(unit, unit[:, other, None]) >= cosine
+                total += np.where(smooth, area[:, other, None], 0)
+            # A face without an area agrees with no neighbour: its normal is 0, which cannot be seen.
+            normals[around] = _normals_of(total)
+    return normals
+
+
+def _edges_cancel(place: NDArray[np.int32], triangles: NDArray[np.int32]) -> bool:
+    """Whether every directed edge between places [V] comes with as many of its reverse."""
+    count = [0, 0]
+    for tail, head in _edges(place, triangles):
+        count[0] += np.count_nonzero(tail < head)
+        count[1] += np.count_nonzero(tail > head)
+    if count[0] != count[1]:
+        return False
+    keys, filled = np.empty((2, count[0]), np.int64), [0, 0]
+    for tail, head in _edges(place, triangles):
+        for way, (low, high) in enumerate(((tail, head), (head, tail))):
+            edges = (low * len(place) + high)[low < high]
+            keys[way, filled[way] : filled[way] + len(edges)] = edges
+            filled[way] += len(edges)
+    keys.sort(axis=1)
+    return np.array_equal(keys[0], keys[1])
+
+
+def _edges(place: NDArray[np.int32], triangles: NDArray[np.int32]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """The places that edges lead from and to."""
+    for chunk in _chunks(len(triangles)):
+        a, b, c = place[triangles[chunk]].T.astype(np.int64)
+        yield from ((a, b), (b, c), (c, a))
+
+
+def _volume(positions: NDArray[np.float32], place: NDArray[np.int32], triangles: NDArray[np.int32]) -> float:
+    """Six times the volume within a closed surface."""
+    parts, origin = [], None
+    for chunk in _chunks(len(triangles)):
+        a, b, c = place[triangles[chunk]].T
+        corners = _corners(positions, triangles[chunk][(a != b) & (b != c) & (c != a)])
+        if origin is None and corners.size:
+            origin = corners[:, 0, 0].copy()
+        if origin is not None:
+            corners = corners - origin[:, None, None]
+            parts.append(_dot(corners[:, 0], _cross(corners[:, 1], corners[:, 2])))
+    return float(np.sum(np.concatenate(parts))) if parts else 0.0
+
+
+def _sorted_rows(columns: list[NDArray[np.int32]]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The order in which rows, given as two columns [N] or more, rise, the first column first; and where other rows begin in it.
+
+    Two columns make one key of 64 bits, which sorts far faster than a structure. The others are asked only where rows still tie.
+    """
+    key = _pair(columns[0], columns[1])
+    order = np.argsort(key)
+    is_first = _changes(key[order])
+    for column in columns[2:]:
+        tied = ~is_first
+        tied[:-1] |= tied[1:]
+        if not tied.any():
+            break
+        rows = order[tied]
+        key = _pair(np.cumsum(is_first)[tied], column[rows])
+        within = np.argsort(key)
+        order[tied] = rows[within]
+        is_first[tied] = _changes(key[within])
+    return order, is_first
+
+
+def _pair(high: NDArray[Any], low: NDArray[np.int32]) -> NDArray[np.int64]:
+    """One number of two of 32 bits, in the order of the first, then of the second."""
+    return (high.astype(np.int64) << 32) + low
+
+
+def _changes(values: NDArray[Any]) -> NDArray[np.bool_]:
+    """bool [N]: whether a value is the first or differs from the one before it."""
+    return np.concatenate([np.ones(min(len(values), 1), bool), values[1:] != values[:-1]])
+
+
+def _chunks(count: int, size: int = 1) -> Iterator[slice]:
+    """Slices of ``count`` elements, each of which stands for ``size``, that are worked on at a time."""
+    step = max(_CHUNK // size, 1)
+    return (slice(i, i + step) for i in range(0, count, step))
+
+
+def _corners(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDArray[np.float64]:
+    """float64 [3, 3, T]: components of the corners of triangles."""
+    return np.ascontiguousarray(positions.take(triangles, axis=0).transpose(2, 1, 0), dtype=np.float64)
 
 
 def _area_vectors(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDArray[np.float64]:
-    corners = positions[triangles].astype(np.float64)
+    """float64 [3, T]: across each triangle, twice as long as its area."""
+    corners = _corners(positions, triangles)
     return _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.stack(
-        [
-            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
-            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
-            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
-        ],
-        axis=1,
-    )
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return (a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]) + a[:, 2] * b[:, 2]
+    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 
 
 def _unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    length = np.sqrt(_dot(v, v))[:, None]
+    """Vectors [3, ...] of length 1; 0 where there is no length, or none that is finite."""
+    length = np.sqrt(_dot(v, v))
     return np.divide(v, length, out=np.zeros_like(v), where=(length > 0) & np.isfinite(length))
+
+
+def _normals_of(totals: NDArray[np.float64]) -> NDArray[np.float32]:
+    """float32 [..., 3], -0 as 0, of sums [3, ...]."""
+    return np.moveaxis(_unit(totals), 0, -1).astype(np.float32, order="C") + np.float32(0)
