@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 # Around a vertex with more corners than this, all of them share one normal: the pairs that a crease needs grow with the square.
 _MANY_CORNERS = 64
 
-# Triangles, or corners, that are worked on at a time: their temporaries stay in the cache and small beside the mesh.
+# Triangles, or corners, that are worked on at a time: their temporaries stay in the cache.
 _CHUNK = 1 << 16
+# Corners that are split at a time: temporaries small beside a large mesh, few calls for a small one.
+_BLOCK = 1 << 19
 
 
 def face_normals(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDArray[np.float32]:
@@ -29,66 +31,75 @@ def face_normals(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -
 
 
 def split_normals(
-    positions: NDArray[np.float32], triangles: NDArray[np.int32], crease: float = 50.0
+    positions: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    crease: float = 50.0,
+    place: NDArray[np.int32] | None = None,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
     """Vertex normals that keep sharp edges sharp.
 
-    At each corner the area-weighted normals of the faces around that point of space are added up, in the order of the faces, those
-    that turn away from the corner's own face by more than ``crease`` degrees left out. Vertices in the same place count as one,
-    whatever their texture coordinates, so that a seam of the texture is none of the surface.
+    At each corner the area-weighted normals of the faces around that point of space are added up, in the order of the faces.
+    Those that turn away from the corner's own face by more than ``crease`` degrees are left out. Vertices in the same place
+    count as one, whatever their texture coordinates, so that a seam of the texture is none of the surface.
 
     Args:
         positions: float32 [V, 3].
         triangles: int32 [T, 3].
-        crease: degrees.
+        crease: degrees, in [0, 180].
+        place: ``weld(positions)``, where it is known.
 
     Returns:
         source: int64 [N], the vertex that new vertex n is a copy of; triangles: int32 [T, 3] over the new vertices;
         normals: float32 [N, 3]. New vertices are ordered by source, then by the bits of the normal.
     """
-    place = weld(positions)
+    if place is None:
+        place = weld(positions)
     total = _sums(positions, triangles, place)
     creased = _creased(positions, triangles, place, total, crease)
     uncreased_normals = _normals_of(total)
     del total
 
-    # Where there is no crease, a vertex has one normal and stays one vertex. Elsewhere it is split.
+    # Where there is no crease, a vertex has one normal and stays one vertex. Elsewhere it has a copy for each normal.
     corner_vertex = triangles.reshape(-1)
-    corner = np.flatnonzero(creased[place[corner_vertex]])
-    vertex = corner_vertex[corner]
-    corner_normals = _creased_normals(positions, triangles, corner, place[vertex], crease)
-    order, is_first = _sorted_rows([vertex, *corner_normals.T.copy().view(np.int32)])
-    first = order[is_first]  # of the corners with a crease, one for each new vertex
-
     copies = np.zeros(len(positions), np.int64)
     copies[corner_vertex] = 1
-    copies[vertex] = 0
-    np.add.at(copies, vertex[first], 1)
+    copy = np.zeros_like(triangles)  # of its vertex that a corner has
+    split = []
+    for corner, its_place in _blocks_of_corners(triangles, place, creased):
+        vertex = corner_vertex[corner]
+        normals = _creased_normals(positions, triangles, corner, its_place, crease)
+        order, is_first = _sorted_rows([vertex, *normals.T.copy().view(np.int32)])
+        first = order[is_first]
+        made_of = vertex[first]
+        number = (np.arange(len(first)) - np.searchsorted(made_of, made_of)).astype(np.int32)
+        copies[made_of] = number + 1  # the last one stays
+        copy.reshape(-1)[corner[order]] = number[np.cumsum(is_first) - 1]
+        split.append((made_of, number, normals[first]))
+
     begin = np.cumsum(copies) - copies
     source = np.repeat(np.arange(len(positions)), copies)
     normals = uncreased_normals[place[source]]
-    new_triangles = begin.astype(np.int32)[triangles]
-    if len(first):
-        split = vertex[first]
-        made = begin[split] + (np.arange(len(split)) - np.searchsorted(split, split))
-        normals[made] = corner_normals[first]
-        new_triangles.reshape(-1)[corner[order]] = made[np.cumsum(is_first) - 1]
-    return source, new_triangles, normals
+    for made_of, number, their_normals in split:
+        normals[begin[made_of] + number] = their_normals
+    for chunk in _chunks(len(triangles)):
+        copy[chunk] += begin[triangles[chunk]]
+    return source, copy, normals
 
 
-def is_closed(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> bool:
+def is_closed(positions: NDArray[np.float32], triangles: NDArray[np.int32], place: NDArray[np.int32] | None = None) -> bool:
     """Whether the mesh is the closed surface of a solid, its front faces outside.
 
     Every directed edge must come with as many of its reverse, vertices in the same place counting as one, and the volume must be
-    positive.
+    positive. ``place`` is ``weld(positions)``, where it is known.
     """
-    place = weld(positions)
+    if place is None:
+        place = weld(positions)
     return _edges_cancel(place, triangles) and _volume(positions, place, triangles) > 0
 
 
 def weld(positions: NDArray[np.float32]) -> NDArray[np.int32]:
     """int32 [V]: the same number, below V, for vertices in exactly the same place."""
-    order, is_first = _sorted_rows(list((positions.T + np.float32(0)).view(np.int32)))  # -0 is 0
+    order, is_first = _sorted_rows(list(np.add(positions.T, np.float32(0), order="C").view(np.int32)))  # -0 is 0
     place = np.empty(len(positions), np.int32)
     place[order] = np.cumsum(is_first, dtype=np.int32) - 1
     return place
@@ -130,26 +141,40 @@ def _creased(
     return creased
 
 
+def _blocks_of_corners(
+    triangles: NDArray[np.int32], place: NDArray[np.int32], creased: NDArray[np.bool_]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """The corners [N] of creased places and their places [N]: sorted by place, then rising; all of a place together."""
+    # Place and corner in one number sort without an order beside them.
+    corners_of_chunk = (3 * chunk.start + np.flatnonzero(creased[place[triangles[chunk]]]) for chunk in _chunks(len(triangles)))
+    corners = np.concatenate([*corners_of_chunk, np.zeros(0, np.int64)])
+    corners |= place[triangles.reshape(-1)[corners]].astype(np.int64) << 32
+    corners.sort()
+    begin = 0
+    while begin < len(corners):
+        end = begin + _BLOCK
+        if end < len(corners):
+            end = int(np.searchsorted(corners, ((corners[end] >> 32) + 1) << 32))
+        yield corners[begin:end] & 0xFFFFFFFF, corners[begin:end] >> 32
+        begin = end
+
+
 def _creased_normals(
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],
     corner: NDArray[np.int64],
-    place: NDArray[np.int32],
+    place: NDArray[np.int64],
     crease: float,
 ) -> NDArray[np.float32]:
-    """float32 [N, 3]: the normal of each corner [N], where ``corner`` has all those of any of their places [N], rising."""
+    """float32 [N, 3]: the normal of each corner [N] of places [N], as ``_blocks_of_corners`` has them."""
     cosine = math.cos(math.radians(crease))
     normals = np.empty((len(corner), 3), np.float32)
-    # By place, then as they are.
-    key = (place.astype(np.int64) << 32) | np.arange(len(place))
-    key.sort()
-    order, begin = key & 0xFFFFFFFF, np.flatnonzero(_changes(key >> 32))
-    del key
-    count = np.diff(begin, append=len(order))
+    begin = np.flatnonzero(_changes(place))
+    count = np.diff(begin, append=len(place))
     for size in np.unique(count).tolist():
         begin_of_size = begin[count == size]
         for chunk in _chunks(len(begin_of_size), size):
-            around = order[begin_of_size[chunk] + np.arange(size)[:, None]]  # [size, places]
+            around = begin_of_size[chunk] + np.arange(size)[:, None]  # [size, places]
             area = _area_vectors(positions, triangles[(corner[around] // 3).reshape(-1)]).reshape(3, *around.shape)
             unit = _unit(area)
             total = np.zeros_like(area)
@@ -165,8 +190,8 @@ def _edges_cancel(place: NDArray[np.int32], triangles: NDArray[np.int32]) -> boo
     """Whether every directed edge between places [V] comes with as many of its reverse."""
     count = [0, 0]
     for tail, head in _edges(place, triangles):
-        count[0] += np.count_nonzero(tail < head)
-        count[1] += np.count_nonzero(tail > head)
+        count[0] += int(np.count_nonzero(tail < head))
+        count[1] += int(np.count_nonzero(tail > head))
     if count[0] != count[1]:
         return False
     keys, filled = np.empty((2, count[0]), np.int64), [0, 0]
