@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .rows import changes, sorted_rows, unify
 
 # Around a vertex with more corners than this, all of them share one normal: the pairs that a crease needs grow with the square.
 _MANY_CORNERS = 64
@@ -68,7 +69,7 @@ def split_normals(
     for corner, its_place in _blocks_of_corners(triangles, place, creased):
         vertex = corner_vertex[corner]
         normals = _creased_normals(positions, triangles, corner, its_place, crease)
-        order, is_first = _sorted_rows([vertex, *normals.T.copy().view(np.int32)])
+        order, is_first = sorted_rows([vertex, *normals.T.copy().view(np.int32)])
         first = order[is_first]
         made_of = vertex[first]
         number = (np.arange(len(first)) - np.searchsorted(made_of, made_of)).astype(np.int32)
@@ -99,10 +100,7 @@ def is_closed(positions: NDArray[np.float32], triangles: NDArray[np.int32], plac
 
 def weld(positions: NDArray[np.float32]) -> NDArray[np.int32]:
     """int32 [V]: the same number, below V, for vertices in exactly the same place."""
-    order, is_first = _sorted_rows(list(np.add(positions.T, np.float32(0), order="C").view(np.int32)))  # -0 is 0
-    place = np.empty(len(positions), np.int32)
-    place[order] = np.cumsum(is_first, dtype=np.int32) - 1
-    return place
+    return unify(list(np.add(positions.T, np.float32(0), order="C").view(np.int32)))[1]  # -0 is 0
 
 
 def _sums(positions: NDArray[np.float32], triangles: NDArray[np.int32], place: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -169,7 +167,7 @@ def _creased_normals(
     """float32 [N, 3]: the normal of each corner [N] of places [N], as ``_blocks_of_corners`` has them."""
     cosine = math.cos(math.radians(crease))
     normals = np.empty((len(corner), 3), np.float32)
-    begin = np.flatnonzero(_changes(place))
+    begin = np.flatnonzero(changes(place))
     count = np.diff(begin, append=len(place))
     for size in np.unique(count).tolist():
         begin_of_size = begin[count == size]
@@ -223,37 +221,6 @@ def _volume(positions: NDArray[np.float32], place: NDArray[np.int32], triangles:
             corners = corners - origin[:, None, None]
             parts.append(_dot(corners[:, 0], _cross(corners[:, 1], corners[:, 2])))
     return float(np.sum(np.concatenate(parts))) if parts else 0.0
-
-
-def _sorted_rows(columns: list[NDArray[np.int32]]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The order in which rows, given as two columns [N] or more, rise, the first column first; and where other rows begin in it.
-
-    Two columns make one key of 64 bits, which sorts far faster than a structure. The others are asked only where rows still tie.
-    """
-    key = _pair(columns[0], columns[1])
-    order = np.argsort(key)
-    is_first = _changes(key[order])
-    for column in columns[2:]:
-        tied = ~is_first
-        tied[:-1] |= tied[1:]
-        if not tied.any():
-            break
-        rows = order[tied]
-        key = _pair(np.cumsum(is_first)[tied], column[rows])
-        within = np.argsort(key)
-        order[tied] = rows[within]
-        is_first[tied] = _changes(key[within])
-    return order, is_first
-
-
-def _pair(high: NDArray[Any], low: NDArray[np.int32]) -> NDArray[np.int64]:
-    """One number of two of 32 bits, in the order of the first, then of the second."""
-    return (high.astype(np.int64) << 32) + low
-
-
-def _changes(values: NDArray[Any]) -> NDArray[np.bool_]:
-    """bool [N]: whether a value is the first or differs from the one before it."""
-    return np.concatenate([np.ones(min(len(values), 1), bool), values[1:] != values[:-1]])
 
 
 def _chunks(count: int, size: int = 1) -> Iterator[slice]:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
+
+from .model import Model, ModelError
 
 # Time and memory of clipping ears grow with the square of the corners; no polygon of a model that was meant has as many.
 MAX_CORNERS = 1 << 12
@@ -12,21 +16,21 @@ _BLOCK = 1 << 18
 
 
 def triangulate(
-    positions: NDArray[np.floating], corners: NDArray[np.integer], count: NDArray[np.integer]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    model: Model, positions: NDArray[Any], corners: NDArray[np.int32], count: NDArray[np.integer]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Cuts polygons into triangles of the same corners: n - 2 of n corners, also where some have no area.
 
     A polygon that crosses itself, or is far from flat, has no right triangulation; it gets some.
 
     Args:
+        model: gets as findings what cannot be drawn.
         positions: float32 or float64 [V, 3].
-        corners: integers [C], the vertex of each corner, those of a polygon after each other, counter-clockwise from the front.
+        corners: int32 [C], the vertex of each corner, those of a polygon after each other, counter-clockwise from the front.
         count: integers [F], how many corners each polygon has; C in all. Those of less than three have no triangles.
 
     Returns:
-        corner: int64 [T, 3], indices into ``corners``, in the order of the polygons, the corners in the order of their polygon;
-        polygon: int64 [T], of which each triangle is a part;
-        skipped: how many concave polygons had more than MAX_CORNERS and are wrongly a fan.
+        corner: int64 [T, 3], indices into ``corners``, in the order of the polygons, turned as their polygon is;
+        polygon: int64 [T], of which each triangle is a part.
     """
     count = count.astype(np.int64)
     first = np.cumsum(count) - count
@@ -50,7 +54,31 @@ def triangulate(
                 skipped += int(concave.sum())
                 continue
             triangles[rows[some][concave]] = first[which[some][concave], None, None] + _ears(flat[concave])
-    return triangles, np.repeat(np.arange(len(count)), parts), skipped
+    if skipped:
+        model.found(
+            "large concave polygons",
+            f"{skipped} concave polygons have more than {MAX_CORNERS} corners: they are drawn as if they were convex",
+        )
+    if (count < 3).any():
+        model.found(
+            "faces of one or two corners", f"{int((count < 3).sum())} faces have fewer than 3 corners: they are not drawn"
+        )
+    return triangles, np.repeat(np.arange(len(count)), parts)
+
+
+def indices_of(what: str, values: NDArray[Any], size: int) -> NDArray[np.int32]:
+    """``values`` of any type as int32.
+
+    Raises:
+        ModelError: one is not a whole number, or not that of one of ``size`` vertices.
+    """
+    if len(values) and not (values.min() >= 0 and values.max() < size):
+        got = f"indices from {values.min():.0f} to {values.max():.0f}"
+        raise ModelError(f"{what} must index the {size} vertices, got {got}")
+    indices = values.astype(np.int32)
+    if values.dtype.kind == "f" and not np.array_equal(indices, values):
+        raise ModelError(f"{what} must index the vertices by whole numbers, got {values[indices != values][0]}")
+    return indices
 
 
 def _fan(n: int) -> NDArray[np.int64]:
@@ -120,10 +148,10 @@ def _ears(points: NDArray[np.float64]) -> NDArray[np.int64]:
 def _holds_any(triangle: NDArray[np.float64], points: NDArray[np.float64], present: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """bool [P]: whether a triangle [P, 3, 2] has one of the points [P, n, 2] that are present within it or on its edges."""
     a, b, c = (triangle[:, i : i + 1] for i in range(3))
-    inside = present & (_side(a, b, points) >= 0) & (_side(b, c, points) >= 0) & (_side(c, a, points) >= 0)
+    inside: NDArray[np.bool_] = present & (_side(a, b, points) >= 0) & (_side(b, c, points) >= 0) & (_side(c, a, points) >= 0)
     for own in (a, b, c):
         inside &= (points != own).any(axis=2)
-    return inside.any(axis=1)
+    return np.logical_or.reduce(inside, axis=1)
 
 
 def _side(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> NDArray[np.float64]:
