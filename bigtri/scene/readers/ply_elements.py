@@ -7,7 +7,6 @@ import struct
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -148,8 +147,8 @@ class _Part(NamedTuple):
 
     numbers: list[str]  # their names
     list_name: str | None
-    fields: np.dtype[Any]  # of the numbers, by their index, and at last of the length of the list
-    of_list: np.dtype[Any]  # of its entries
+    fields: np.dtype[Any]  # the numbers, by their index, and "length", that of the list
+    entry: np.dtype[Any]  # of the list
 
 
 def _parts(element: Element, order: str | None) -> list[_Part]:
@@ -160,45 +159,42 @@ def _parts(element: Element, order: str | None) -> list[_Part]:
 
     parts: list[_Part] = []
     names: list[str] = []
-    kinds: list[str] = []
-    for name, kind, count_kind in element.properties:
-        if count_kind is None:
-            names, kinds = [*names, name], [*kinds, dtype(kind)]
-            continue
-        parts.append(_Part(names, name, _fields([*kinds, dtype(count_kind)]), np.dtype(dtype(kind))))
-        names, kinds = [], []
+    fields: list[tuple[str, str]] = []
+    for name, kind, length_kind in element.properties:
+        if length_kind is None:
+            fields.append((str(len(names)), dtype(kind)))
+            names.append(name)
+        else:
+            parts.append(_Part(names, name, np.dtype([*fields, ("length", dtype(length_kind))]), np.dtype(dtype(kind))))
+            names, fields = [], []
     if names:
-        parts.append(_Part(names, None, _fields(kinds), np.dtype("V0")))
+        parts.append(_Part(names, None, np.dtype(fields), np.dtype("V0")))
     return parts
-
-
-def _fields(kinds: list[str]) -> np.dtype[Any]:
-    return np.dtype([(str(i), kind) for i, kind in enumerate(kinds)])
 
 
 def _read_rows(data: memoryview, at: int, element: Element, parts: list[_Part]) -> int:
     """Fills in the rows of an element that begins at byte ``at``; returns where they end."""
     if not parts:
         return at
-    records, end = _rows_of_one_length(data, at, element, parts)
+    records = _rows_of_one_length(data, at, element, parts)
     if records is not None:
         element.count = len(records)
         for i, part in enumerate(parts):
             _keep_numbers(element, part, records[f"fields {i}"])
             if part.list_name is not None:
-                values = records[f"list {i}"]
-                count = np.broadcast_to(np.int64(values.shape[1]), len(records))
-                element.columns.setdefault(part.list_name, Lists(values.reshape(-1), count))
-        return end
+                entries = records[f"list {i}"]
+                lengths = np.broadcast_to(np.int64(entries.shape[1]), len(records))
+                element.columns.setdefault(part.list_name, Lists(entries.reshape(-1), lengths))
+        return at + records.nbytes
     starts, end = _starts(data, at, element, parts)
     element.count = len(starts)
     for part, start in zip(parts, starts.T, strict=True):
         fields = _gathered(data, start, part.fields, 1)[:, 0]
         _keep_numbers(element, part, fields)
         if part.list_name is not None:
-            count = fields[str(len(part.numbers))].astype(np.int64)
-            values = _gathered_lists(data, start + part.fields.itemsize, count, part.of_list)
-            element.columns.setdefault(part.list_name, Lists(values, count))
+            lengths = fields["length"].astype(np.int64)
+            entries = _gathered_lists(data, start + part.fields.itemsize, lengths, part.entry)
+            element.columns.setdefault(part.list_name, Lists(entries, lengths))
     return end
 
 
@@ -207,27 +203,25 @@ def _keep_numbers(element: Element, part: _Part, fields: NDArray[Any]) -> None:
         element.columns.setdefault(name, fields[str(i)])
 
 
-def _rows_of_one_length(data: memoryview, at: int, element: Element, parts: list[_Part]) -> tuple[NDArray[Any] | None, int]:
-    """The rows as records and their end, if all have lists as long as the first one has; else None."""
-    first = list(islice(_walk(data, at, 1, parts), len(parts) + 1))
-    if first[-1] < 0 or element.announced == 0:
-        fields = [(f"fields {i}", part.fields) for i, part in enumerate(parts)]
-        lists = [(f"list {i}", part.of_list, (0,)) for i, part in enumerate(parts)]
-        return np.empty(0, np.dtype([*fields, *lists])), at
+def _rows_of_one_length(data: memoryview, at: int, element: Element, parts: list[_Part]) -> NDArray[Any] | None:
+    """The rows as records, if all are there and have lists as long as the first row has; else None."""
+    first = list(_walk(data, at, min(element.announced, 1), parts))
+    is_whole = len(first) == len(parts) + 1 and first[-1] >= 0
     layout: list[Any] = []
-    lengths = []
+    lengths = {}
     for i, part in enumerate(parts):
         layout.append((f"fields {i}", part.fields))
-        size = first[i + 1] - first[i] - part.fields.itemsize
-        lengths.append(size // max(part.of_list.itemsize, 1))
-        layout.append((f"list {i}", part.of_list, (lengths[-1],)))
+        if part.list_name is not None:
+            size = first[i + 1] - first[i] - part.fields.itemsize if is_whole else 0
+            lengths[i] = size // part.entry.itemsize
+            layout.append((f"list {i}", part.entry, (lengths[i],)))
     dtype = np.dtype(layout)
-    rows = min(element.announced, (len(data) - at) // dtype.itemsize)
-    records = np.frombuffer(data, dtype, rows, at)
-    for i, part in enumerate(parts):
-        if part.list_name is not None and not (records[f"fields {i}"][str(len(part.numbers))] == lengths[i]).all():
-            return None, at
-    return records, at + rows * dtype.itemsize
+    if element.announced == 0:
+        return np.empty(0, dtype)
+    if not is_whole or element.announced > (len(data) - at) // dtype.itemsize:
+        return None
+    records = np.frombuffer(data, dtype, element.announced, at)
+    return records if all((records[f"fields {i}"]["length"] == length).all() for i, length in lengths.items()) else None
 
 
 def _starts(data: memoryview, at: int, element: Element, parts: list[_Part]) -> tuple[NDArray[np.int64], int]:
@@ -246,7 +240,7 @@ def _walk(data: memoryview, at: int, rows: int, parts: list[_Part]) -> Iterator[
         last = part.fields[-1]  # the length, where there is a list
         # struct has the same letters for types as NumPy; "|" is NumPy's order of a single byte.
         length = struct.Struct(last.byteorder.replace("|", "=") + last.char)
-        steps.append((part.fields.itemsize, part.of_list.itemsize, part.fields.itemsize - last.itemsize, length))
+        steps.append((part.fields.itemsize, part.entry.itemsize, part.fields.itemsize - last.itemsize, length))
     for _ in range(rows):
         for size, entry, length_at, length_type in steps:
             yield at
