@@ -1,4 +1,4 @@
-"""Files that a model file refers to."""
+"""Files that a model file refers to, and text of no known encoding."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def find(folder: Path, name: str) -> Path | None:
     of the same name beside the model.
     """
     with_slashes = name.replace("\\", "/")
-    for candidate in (name, with_slashes, with_slashes.rpartition("/")[2]):
+    for candidate in (name, with_slashes, with_slashes.strip('"'), with_slashes.strip('"').rpartition("/")[2]):
         # A name may be too long for a file, or have a zero byte in it.
         try:
             if candidate and os.path.isfile(folder / candidate):
@@ -40,3 +40,11 @@ def read_texture(model: Model, folder: Path, name: str) -> NDArray[Any] | None:
     except ModelError as error:
         model.found("broken textures", f"{error}: what it covers is drawn without it")
         return None
+
+
+def decoded(text: bytes) -> str:
+    """UTF-8, else Latin-1, of which any byte is a character."""
+    try:
+        return text.decode()
+    except UnicodeDecodeError:
+        return text.decode("latin-1")
