@@ -87,7 +87,8 @@ class Library:
         """A texture: options, then the name of its file, which may have spaces in it."""
         wrap = "repeat"
         while match := re.match(r"(-[a-z_]+)\s+", rest, re.IGNORECASE):
-            option, words = match.group(1).lower(), []
+            option = match.group(1).lower()
+            words: list[str] = []
             if option not in _OPTIONS:
                 break
             rest = rest[match.end() :]

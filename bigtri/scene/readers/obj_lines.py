@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,7 +143,7 @@ class Lines:
         with warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)  # that is how NumPy says that something is no number
             try:
-                values = np.fromstring(text.tobytes(), kind, sep=" ")
+                values: NDArray[Any] = np.fromstring(text.tobytes(), kind, sep=" ")
                 if len(values) == count:
                     return values
             except (DeprecationWarning, ValueError):
