@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from .files import decoded
 from .model import ModelError
+from .text import numbers
 
 # Bytes of text whose numbers are read at a time.
 _CHUNK = 1 << 22
@@ -97,18 +97,18 @@ class Lines:
         for lines, text, ends in self._chunks("f"):
             is_slash = text == _SLASH
             starts = _run_starts(text > _SPACE)
-            numbers = np.flatnonzero(_run_starts((text > _SPACE) & ~is_slash))
+            parts = np.flatnonzero(_run_starts((text > _SPACE) & ~is_slash))
             tokens = np.flatnonzero(starts)
-            token = np.cumsum(starts, dtype=np.int32)[numbers] - 1
+            token = np.cumsum(starts, dtype=np.int32)[parts] - 1
             slashes = np.cumsum(is_slash, dtype=np.int32)
-            field = slashes[numbers] - (slashes - is_slash)[tokens][token]
+            field = slashes[parts] - (slashes - is_slash)[tokens][token]
             count = np.diff(np.searchsorted(tokens, ends), prepend=0)
             line = np.repeat(lines, count)  # of each token
             if (field > 2).any():
                 raise self._refusal("f", int(line[token[np.argmax(field > 2)]]), "corners of the form 1, 1/2, 1//3 or 1/2/3")
             text[is_slash] = _SPACE
             index = np.zeros((len(tokens), 3), np.int64)
-            index[token, field] = self._parsed("f", lines, text, len(numbers), np.int64)
+            index[token, field] = self._parsed("f", lines, text, len(parts), np.int64)
             for own, (kind, size) in zip(index.T, sizes.items(), strict=True):
                 missing = own == 0
                 if (own < 0).any():
@@ -138,24 +138,27 @@ class Lines:
                 text = self._text[region][np.repeat(between, self._ends[every] + 1 - self._begins[every])]
                 yield lines[some], text, np.cumsum(lengths[some])
 
-    def _parsed(self, keyword: str, lines: NDArray[np.int64], text: NDArray[np.uint8], count: int, kind: type) -> NDArray[Any]:
+    def _parsed(
+        self,
+        keyword: str,
+        lines: NDArray[np.int64],
+        text: NDArray[np.uint8],
+        count: int,
+        kind: type[np.float64] | type[np.int64],
+    ) -> NDArray[Any]:
         """The ``count`` numbers in the text of lines."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # that is how NumPy says that something is no number
+        try:
+            values = numbers(text.tobytes(), kind, keyword)
+            if len(values) == count:
+                return values
+        except ModelError:
+            pass
+        for line in lines.tolist():  # which one it was
             try:
-                values: NDArray[Any] = np.fromstring(text.tobytes(), kind, sep=" ")
-                if len(values) == count:
-                    return values
-            except (DeprecationWarning, ValueError):
-                pass
-        convert = float if kind is np.float64 else int
-        for line in lines.tolist():
-            try:
-                for word in self.words(line).replace("/", " ").split():
-                    convert(word)
-            except ValueError:
-                break
-        raise self._refusal(keyword, line, "numbers" if convert is float else "whole numbers")
+                numbers(self.words(line).replace("/", " ").encode(), kind, keyword)
+            except ModelError as error:
+                raise ModelError(f"line {line + 1}: {error}") from None
+        raise ModelError(f"{keyword} must have numbers")
 
     def _refusal(self, keyword: str, line: int, wanted: str) -> ModelError:
         return ModelError(f"line {line + 1}: {keyword} must have {wanted}, got {self.words(line)[:60]!r}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import struct
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .model import ModelError
+from .text import numbers
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8"},
@@ -74,7 +74,7 @@ def read_elements(data: bytes) -> tuple[list[Element], list[str]]:
     header = _header(data)
     if header.format == "ascii":
         # As if it were binary, each number a float64.
-        rows, at, order = memoryview(_numbers(data[header.size :]).tobytes()), 0, None
+        rows, at, order = memoryview(numbers(data[header.size :], np.float64, "the body of an ASCII file").tobytes()), 0, None
     else:
         rows, at, order = memoryview(data), header.size, _FORMATS[header.format]
     for element in header.elements:
@@ -124,22 +124,6 @@ def _property(words: list[str]) -> Property:
         return Property(name, _TYPES[kind], _TYPES[count_type])
     kind, name = words
     return Property(name, _TYPES[kind], None)
-
-
-def _numbers(text: bytes) -> NDArray[np.float64]:
-    """All numbers of the body of an ASCII file."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # that is how NumPy says that something is no number
-        try:
-            return np.fromstring(text, np.float64, sep=" ")
-        except (DeprecationWarning, ValueError):
-            pass
-    for i, word in enumerate(text.split()):
-        try:
-            float(word)
-        except ValueError:
-            raise ModelError(f"the body of an ASCII file must be numbers, got {word[:40]!r} after {i} of them") from None
-    raise ModelError("the body of an ASCII file must be numbers")
 
 
 class _Part(NamedTuple):
