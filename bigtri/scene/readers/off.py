@@ -23,7 +23,7 @@ class _Rows(NamedTuple):
     lines: list[bytes]
     values: NDArray[np.float64]  # all numbers, one after the other
     begin: NDArray[np.int64]  # [lines], where those of a line begin
-    count: NDArray[np.int64]  # [lines], how many it has
+    lengths: NDArray[np.int64]  # [lines], how many it has
 
 
 def read(path: Path) -> Model:
@@ -48,17 +48,17 @@ def read(path: Path) -> Model:
     normals = _column(vertices, 3, 3) if has_normals else None
     uvs = _column(vertices, -2, 2) if has_uvs else None
     before = 3 + 3 * has_normals
-    colors = _colors(model, vertices, np.full(len(vertices.lines), before), vertices.count - before - 2 * has_uvs)
+    colors = _colors(model, vertices, np.full(len(vertices.lines), before), vertices.lengths - before - 2 * has_uvs)
 
     size = faces.values[faces.begin].astype(np.int64)
-    short = faces.count < 1 + np.maximum(size, 0)
+    short = faces.lengths < 1 + np.maximum(size, 0)
     if short.any() or (size < 0).any():
         line = faces.lines[int(np.argmax(short | (size < 0)))][:60].decode("latin-1")
         raise ModelError(f"a face must be the number of its corners, then as many indices, got {line!r}")
     offset = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
     corners = indices_of("faces", faces.values[np.repeat(faces.begin + 1, size) + offset], len(positions))
     corner, of_face = triangulate(model, positions, corners, size)
-    face_colors = _colors(model, faces, 1 + size, faces.count - 1 - size) if colors is None else None
+    face_colors = _colors(model, faces, 1 + size, faces.lengths - 1 - size) if colors is None else None
     if not len(corner):
         model.found("points", f"there are {len(positions)} points and no faces: points are not drawn")
     model.meshes.append(
@@ -112,9 +112,9 @@ def _rows(what: str, lines: list[bytes], least: int) -> _Rows:
 
 def _column(rows: _Rows, at: int, size: int) -> NDArray[np.float64]:
     """[lines, size]: numbers from ``at`` on, which may count from the end."""
-    if (rows.count < 3 + size).any():
-        raise ModelError(f"vertices must have {3 + size} numbers or more, got {rows.count.min()}")
-    begin = rows.begin + (at if at >= 0 else rows.count + at)
+    if (rows.lengths < 3 + size).any():
+        raise ModelError(f"vertices must have {3 + size} numbers or more, got {rows.lengths.min()}")
+    begin = rows.begin + (at if at >= 0 else rows.lengths + at)
     return rows.values[begin[:, None] + np.arange(size)]
 
 
