@@ -45,17 +45,21 @@ def load_scene(path: str | os.PathLike[str], strict: bool = False) -> Scene:
     """
     if not isinstance(strict, bool):
         raise TypeError(f"bigtri.load_scene: strict must be True or False, got {strict!r}")
-    scene, model, path = load(path)
+    model = read_model(path)
+    try:
+        scene = assemble(model)
+    except ModelError as error:
+        raise ValueError(f"bigtri.load_scene: {os.fspath(path)}: {error}") from error
     texts = [_sentence(finding) for finding in model.findings.values()]
     if strict and texts:
-        raise ValueError(f"bigtri.load_scene: {path} has what is not drawn, which strict forbids: {'; '.join(texts)}")
+        raise ValueError(f"bigtri.load_scene: {os.fspath(path)} has what is not drawn, which strict forbids: {'; '.join(texts)}")
     for text in texts:
-        warnings.warn(f"{path}: {text}", ModelWarning, stacklevel=2)
+        warnings.warn(f"{os.fspath(path)}: {text}", ModelWarning, stacklevel=2)
     return scene
 
 
-def load(path: str | os.PathLike[str]) -> tuple[Scene, Model, Path]:
-    """(the scene, the model that it was assembled from, the path): ``load_scene`` without its warnings, and with its errors."""
+def read_model(path: str | os.PathLike[str]) -> Model:
+    """What a file holds, as its reader hands it over. Raises what ``load_scene`` raises, but not for want of triangles."""
     try:
         path = Path(path)
     except TypeError:
@@ -68,8 +72,7 @@ def load(path: str | os.PathLike[str]) -> tuple[Scene, Model, Path]:
         raise ValueError(f"bigtri.load_scene: path must end in {kinds}, got {path.name}: convert it to .glb, for example")
     reader = importlib.import_module(f".readers.{_READERS[kind]}", __package__)
     try:
-        model = reader.read(path)
-        return assemble(model), model, path
+        return reader.read(path)
     except ModelError as error:
         raise ValueError(f"bigtri.load_scene: {path}: {error}") from error
 

@@ -22,6 +22,8 @@ _WHITE: Vector = (1.0, 1.0, 1.0)
 _MOST = 2**31 - 1  # int32 counts vertices and triangles
 
 
+# A point beyond float32's range becomes an infinity, and rasterize drops and counts its triangles.
+@np.errstate(over="ignore", invalid="ignore")
 def assemble(model: Model) -> Scene:
     """The scene of a model: every mesh at every place.
 
@@ -34,8 +36,8 @@ def assemble(model: Model) -> Scene:
     """
     meshes = [mesh for mesh in model.meshes if len(mesh.triangles)]
     if not meshes:
-        others = ", ".join(model.findings) or "nothing else either"
-        raise ModelError(f"there are no triangles in it: point clouds and lines are not drawn (found: {others})")
+        others = f"; found: {', '.join(model.findings)}" if model.findings else ""
+        raise ModelError(f"there are no triangles in it: point clouds and lines are not drawn{others}")
     if (count := sum(len(mesh.triangles) * len(mesh.transforms) for mesh in meshes)) > _MOST:
         raise ModelError(f"there must be at most {_MOST} triangles in it, got {count}")
     materials = _Materials()

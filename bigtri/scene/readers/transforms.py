@@ -17,12 +17,10 @@ _CHUNK = 1 << 16
 def placed(matrix: NDArray[np.float64], points: NDArray[Any], dtype: type[np.floating] = np.float64) -> NDArray[Any]:
     """[V, 3]: points [V, 3] by one matrix [4, 4], or by one each [V, 4, 4]; rounded once, to ``dtype``."""
     result = np.empty((len(points), 3), dtype)
-    # A point beyond float32's range becomes an infinity, and rasterize drops and counts its triangles.
-    with np.errstate(over="ignore", invalid="ignore"):
-        for chunk in _chunks(len(points)):
-            some, rows = points[chunk].astype(np.float64), _of(matrix, chunk)
-            for i in range(3):
-                result[chunk, i] = affine(np.moveaxis(rows[..., i, :], -1, 0), some)
+    for chunk in _chunks(len(points)):
+        some, rows = points[chunk].astype(np.float64), _of(matrix, chunk)
+        for i in range(3):
+            result[chunk, i] = affine(np.moveaxis(rows[..., i, :], -1, 0), some)
     return result
 
 

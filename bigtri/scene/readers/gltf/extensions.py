@@ -47,7 +47,8 @@ def check_extensions(document: Document) -> None:
     required = document.root.texts("extensionsRequired")
     if unknown := [name for name in required if name in _COMPRESSED or not _is_known(name)]:
         names = ", ".join(dict.fromkeys(unknown))
-        raise ModelError(f"extensionsRequired must be of {', '.join((*_READ, *_NAMED))} and {_MATERIALS}*, got {names}")
+        allowed = ", ".join((*_READ, *_NAMED))
+        raise ModelError(f"the file requires {names}, which is not read; what it may require is {allowed} and {_MATERIALS}*")
     for name in dict.fromkeys(document.root.texts("extensionsUsed")):
         if not _is_known(name):
             document.model.found(f"extension {name}", f"the extension {name} is not read: what it adds is left out")

@@ -82,5 +82,7 @@ class Materials:
         for name in material.object("extensions"):
             if name == UNLIT:
                 found(name, f"a material is to be drawn without lights ({name}): it is lit as the others are")
+            elif name == SPECULAR_GLOSSINESS:
+                found(name, f"a material has {name}: its diffuse colour is drawn, its reflections are not")
             elif name.startswith("KHR_materials_"):
                 found(name, f"a material has {name}: it is drawn without it")

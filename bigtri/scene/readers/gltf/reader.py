@@ -17,6 +17,8 @@ from .primitives import Primitive, Primitives
 from .skins import blended, joint_matrices
 
 
+# What is beyond the range of floats is an infinity here, and named when the model is assembled.
+@np.errstate(over="ignore", invalid="ignore")
 def read(path: Path) -> Model:
     """The meshes of a GLB or glTF 2.0 file, placed by its nodes; skins at rest, morph targets by their default weights.
 
