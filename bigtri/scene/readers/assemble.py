@@ -84,14 +84,15 @@ def _part(group: list[Mesh], transform: NDArray[np.float64], only_used: bool, ma
         colors = np.repeat(colors, 3, axis=0)
         triangles = [np.arange(len(corners), dtype=np.int32).reshape(-1, 3)]
     joined = triangles[0] if len(group) == 1 else np.concatenate(triangles)
-    material = np.repeat(np.arange(len(group), dtype=np.int32), [len(some) for some in triangles])
+    number = {id(look): i for i, look in enumerate(dict.fromkeys(looks))}
+    material = np.repeat(np.array([number[id(look)] for look in looks], np.int32), [len(some) for some in triangles])
     if first.normals is not None and not first.colors_of_faces:
         normals = turned(transform, first.normals[used])
     else:
         source, joined, normals = split_normals(positions, joined)
         positions, uvs = positions[source], None if uvs is None else uvs[source]
         colors = None if colors is None else colors[source]
-    return Scene(positions, joined, normals, uvs, colors, material, tuple(looks))
+    return Scene(positions, joined, normals, uvs, colors, material, tuple(dict.fromkeys(looks)))
 
 
 def _used(triangles: list[NDArray[np.int32]], count: int) -> tuple[Any, list[NDArray[np.int32]]]:

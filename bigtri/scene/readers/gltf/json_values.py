@@ -52,7 +52,7 @@ class JsonObject:
         if isinstance(value, float) and value.is_integer():
             value = int(value)
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            wanted = f"at least {low}" if high == _INT32 else f"from {low} to {high}"
+            wanted = f"of at least {low}" if high == _INT32 else f"from {low} to {high}"
             self._refuse(key, f"a whole number {wanted}")
         return value
 
