@@ -23,10 +23,11 @@ def _choice(owner: str, name: str, value: Any, allowed: tuple[str, ...]) -> None
     arguments.check_choice(owner, name, value, allowed)
 
 
-def _checked(owner: str, name: str, value: Any, dtype: type[np.generic], *shape: int | str) -> NDArray[Any]:
+def _checked(owner: str, name: str, value: Any, dtypes: tuple[type[np.generic], ...], *shape: int | str) -> NDArray[Any]:
     """``value``, or a copy of it where torch could not share its memory: contiguous and writable."""
-    wanted = f"{np.dtype(dtype)} [{', '.join(map(str, shape))}]"
-    if not isinstance(value, np.ndarray) or value.dtype != dtype:
+    *others, last = (str(np.dtype(dtype)) for dtype in dtypes)
+    wanted = f"{', '.join(others)}{' or ' * bool(others)}{last} [{', '.join(map(str, shape))}]"
+    if not isinstance(value, np.ndarray) or value.dtype not in dtypes:
         got = f"{value.dtype} {list(value.shape)}" if isinstance(value, np.ndarray) else type(value).__name__
         raise TypeError(f"bigtri.{owner}: {name} must be a NumPy array {wanted}, got {got}")
     fits = value.ndim == len(shape) and all(isinstance(s, str) or s == n for s, n in zip(shape, value.shape, strict=True))
@@ -42,7 +43,8 @@ class Material:
     Attributes:
         name: for people.
         base_color: linear red, green, blue.
-        texture: float32 [Ht, Wt, 3], linear, row 0 on top, the channels last, or None.
+        texture: [Ht, Wt, 3], row 0 on top, the channels last, or None: float32, linear; or uint8 or uint16, sRGB codes, which
+            are kept and decoded only where they are read.
         wrap, filter: how the texture is read: "repeat" or "clamp", "bilinear" or "nearest".
         vertex_colors: whether the scene's vertex colours apply.
         smooth: whether normals are interpolated from the vertices; otherwise each triangle is flat.
@@ -54,7 +56,7 @@ class Material:
 
     name: str = "material"
     base_color: Vector = (1.0, 1.0, 1.0)
-    texture: NDArray[np.float32] | None = None
+    texture: NDArray[np.float32] | NDArray[np.uint8] | NDArray[np.uint16] | None = None
     wrap: str = "repeat"
     filter: str = "bilinear"
     vertex_colors: bool = False
@@ -69,10 +71,10 @@ class Material:
             shape = self.texture.shape if isinstance(self.texture, np.ndarray) else ()
             if len(shape) == 3 and shape[0] in (1, 3, 4) and shape[2] not in (1, 3, 4):
                 raise ValueError(
-                    f"bigtri.Material: texture must be float32 [Ht, Wt, 3], got {list(shape)}, "
+                    f"bigtri.Material: texture must be [Ht, Wt, 3], got {list(shape)}, "
                     "which looks like [C, Ht, Wt]: pass texture.transpose(1, 2, 0)"
                 )
-            texture = _checked("Material", "texture", self.texture, np.float32, "Ht", "Wt", 3)
+            texture = _checked("Material", "texture", self.texture, (np.float32, np.uint8, np.uint16), "Ht", "Wt", 3)
             if texture.size == 0:
                 raise ValueError(f"bigtri.Material: texture must have at least one texel, got {list(texture.shape)}")
             object.__setattr__(self, "texture", texture)
@@ -175,7 +177,7 @@ class Scene:
         _choice("Scene", "cull", self.cull, CULLS)
 
     def _keep_array(self, name: str, dtype: type[np.generic], *shape: int | str) -> None:
-        object.__setattr__(self, name, _checked("Scene", name, getattr(self, name), dtype, *shape))
+        object.__setattr__(self, name, _checked("Scene", name, getattr(self, name), (dtype,), *shape))
 
     @property
     def bounds(self) -> NDArray[np.float64]:

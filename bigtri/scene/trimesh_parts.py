@@ -233,7 +233,7 @@ def _material(mesh: _Mesh, two_sided: bool) -> Material:
     return Material(
         paint.name or mesh.name,
         tuple(base_color.tolist()),
-        texture=None if paint.image is None else _linear(paint.image, False),
+        texture=paint.image,
         vertex_colors=has_colors,
         two_sided=two_sided or paint.double_sided,
     )
