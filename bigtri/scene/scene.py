@@ -14,6 +14,7 @@ from ..choices import CULLS
 from ..ops import arguments
 from ..ops.texture import FILTERS, WRAPS
 from .camera import Vector, vector
+from .origin import WORLD_ORIGIN, bounds_of, relative
 
 
 # Here, because Scene's default material is made when this file is read.
@@ -125,7 +126,7 @@ class Scene:
     """Everything to be drawn, in world space. Arrays are NumPy.
 
     Attributes:
-        positions: float32 [V, 3].
+        positions: float32 [V, 3], counted from ``origin``.
         triangles: int32 [T, 3]; counter-clockwise from the front.
         normals: float32 [V, 3], or None: everything is flat.
         uvs: float32 [V, 2], (0, 0) at the lower left of the texture, or None: nothing is textured.
@@ -136,6 +137,8 @@ class Scene:
         ambient: linear red, green, blue.
         background: linear colours at the top and at the bottom of the picture, blended in between.
         cull: "none", "back" or "front": which faces are not drawn.
+        origin: where in world space positions are counted from, in float64. Cameras and ``bounds`` know nothing of it: it is
+            there to keep positions small, since float32 has no millimetres of map coordinates in the millions.
 
     Raises:
         TypeError, ValueError: arrays that do not belong together; the text names the attribute.
@@ -152,6 +155,7 @@ class Scene:
     ambient: Vector = DEFAULT_AMBIENT
     background: tuple[Vector, Vector] = DEFAULT_BACKGROUND
     cull: str = "none"
+    origin: Vector = WORLD_ORIGIN
 
     def __post_init__(self) -> None:
         self._keep_array("positions", np.float32, "V", 3)
@@ -175,16 +179,18 @@ class Scene:
                 got = f"indices from {indices.min()} to {indices.max()}"
                 raise ValueError(f"bigtri.Scene: {name} must index the {count} {of}, got {got}")
         _choice("Scene", "cull", self.cull, CULLS)
+        object.__setattr__(self, "origin", vector("Scene", "origin", self.origin))
 
     def _keep_array(self, name: str, dtype: type[np.generic], *shape: int | str) -> None:
         object.__setattr__(self, name, _checked("Scene", name, getattr(self, name), (dtype,), *shape))
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """float64 [2, 3]: the lowest and the highest corner of what the triangles use; zeros for an empty scene."""
-        used = self.positions[self.triangles.reshape(-1)].astype(np.float64)
-        used = used[np.isfinite(used).all(axis=1)]
-        return np.stack([used.min(axis=0), used.max(axis=0)]) if len(used) else np.zeros((2, 3))
+        """float64 [2, 3], world space: the lowest and highest corner of what the triangles use; of an empty scene the origin."""
+        bounds = bounds_of(self.positions[self.triangles.reshape(-1)].astype(np.float64))
+        if bounds is None:
+            bounds = np.zeros((2, 3))
+        return bounds if self.origin == WORLD_ORIGIN else bounds + np.array(self.origin)  # -0 + 0 would be another zero
 
     @property
     def used_materials(self) -> tuple[int, ...]:
@@ -198,6 +204,9 @@ class Scene:
 
 def merge(scenes: Sequence[Scene]) -> Scene:
     """One scene with the geometry and materials of all; lights, ambient light, background and culling are the first one's.
+
+    Where all have the same origin, positions stay as they are. Otherwise they are brought together in float64, and the origin is
+    chosen anew, as ``load_scene`` chooses it.
 
     Raises:
         TypeError: something that is no Scene.
@@ -224,12 +233,16 @@ def merge(scenes: Sequence[Scene]) -> Scene:
         zeros = (np.zeros((len(s.positions), channels), np.float32) for s in scenes)
         parts = [zero if array is None else array for array, zero in zip(given, zeros, strict=True)]
         joined[name] = None if all(array is None for array in given) else np.concatenate(parts)
+    origin, positions = scenes[0].origin, [s.positions for s in scenes]
+    if any(s.origin != origin for s in scenes):
+        origin, positions = relative([s.positions.astype(np.float64) + np.array(s.origin) for s in scenes])
     return replace(
         scenes[0],
-        positions=np.concatenate([s.positions for s in scenes]),
+        positions=np.concatenate(positions),
         triangles=np.concatenate([s.triangles + np.int32(o) for s, o in zip(scenes, vertex_offset, strict=False)]),
         material=np.concatenate(indices),
         materials=tuple(kept),
+        origin=origin,
         **joined,
     )
 
