@@ -54,7 +54,7 @@ def test_glb_with_texture_and_transforms(tmp_path):
     assert at == {(0, 0): (-1, -1, 0), (1, 0): (1, -1, 0), (1, 1): (1, 1, 0), (0, 1): (-1, 1, 0)}
     material = loaded.materials[loaded.material[0]]
     assert material.texture.shape == (2, 2, 3) and material.two_sided
-    assert np.array_equal(material.texture, decode_table()[CORNERS])
+    assert material.texture.dtype == np.uint8 and np.array_equal(material.texture, CORNERS)
     np.testing.assert_allclose(material.base_color, (1, 128 / 255, 1))
     # A mirrored node still shows its front.
     np.testing.assert_allclose(face_normals(loaded.positions, loaded.triangles), [(0, 0, 1)] * 4)
@@ -95,7 +95,7 @@ def test_obj_with_materials(tmp_path):
     Image.fromarray(CORNERS).save(tmp_path / "paint.png")
     loaded = load_scene(tmp_path / "two.obj")
     painted, plain = sorted((loaded.materials[m] for m in loaded.material), key=lambda material: material.texture is None)
-    assert np.array_equal(painted.texture, decode_table()[CORNERS]) and plain.texture is None
+    assert np.array_equal(painted.texture, CORNERS) and plain.texture is None
     np.testing.assert_allclose(plain.base_color, decode_table()[[0, 127, 255]], atol=0.005)  # Kd is sRGB
 
 
@@ -244,7 +244,16 @@ def test_scene_errors(change, error, text):
         (lambda: Material(base_color=(1, 1, np.inf)), ValueError, "Material: base_color must be three finite numbers"),
         (lambda: Material(smooth=None), TypeError, "Material: smooth must be True or False"),
         (lambda: Material(name=1), TypeError, "Material: name must be text"),
-        (lambda: Material(texture=np.zeros((2, 2, 3), np.uint8)), TypeError, "Material: texture must be a NumPy array float32"),
+        (
+            lambda: Material(texture=np.zeros((2, 2, 3), np.int16)),
+            TypeError,
+            r"Material: texture must be a NumPy array float32, uint8 or uint16 \[Ht, Wt, 3\], got int16 \[2, 2, 3\]",
+        ),
+        (
+            lambda: Material(texture=np.zeros((2, 2, 4), np.uint8)),
+            ValueError,
+            r"Material: texture must be float32, uint8 or uint16 \[Ht",
+        ),
         (lambda: Material(texture=np.zeros((0, 2, 3), np.float32)), ValueError, "Material: texture must have at least one texel"),
         (
             lambda: Material(texture=np.zeros((3, 8, 9), np.float32)),
