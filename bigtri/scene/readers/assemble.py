@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...reference.shading import decode_table
 from ..camera import Vector
 from ..normals import is_closed, split_normals
+from ..origin import WORLD_ORIGIN, origin_for
 from ..scene import Material, Scene, merge
 from .model import Mesh, Model, ModelError, Paint
-from .transforms import mirrors, placed, turned
+from .transforms import bounds_of_placed, joined, mirrors, placed_from, turned
 
 # For geometry that says nothing about its colour: linear, a light grey.
 _GREY: Vector = (0.6, 0.6, 0.6)
@@ -40,14 +40,15 @@ def assemble(model: Model) -> Scene:
         raise ModelError(f"there are no triangles in it: point clouds and lines are not drawn{others}")
     if (count := sum(len(mesh.triangles) * len(mesh.transforms) for mesh in meshes)) > _MOST:
         raise ModelError(f"there must be at most {_MOST} triangles in it, got {count}")
-    materials = _Materials()
     groups = [list(group) for _, group in groupby(meshes, _shared_vertices)]
     places = Counter(id(group[0].positions) for group in groups for _ in group[0].transforms)
-    parts = []
-    for group in groups:
-        # What a vertex array has for others is left out.
-        several = places[id(group[0].positions)] > 1
-        parts += [_part(group, transform, several, materials) for transform in group[0].transforms]
+    # What a vertex array has for others is left out.
+    batches = [_Batch(group, only_used=places[id(group[0].positions)] > 1) for group in groups]
+    placed = [(batch, transform) for batch in batches for transform in batch.transforms]
+    bounds = joined([box for box in (bounds_of_placed(place, batch.positions) for batch, place in placed) if box is not None])
+    origin = WORLD_ORIGIN if bounds is None else origin_for(bounds)
+    materials = _Materials()
+    parts = [batch.at(place, origin, materials) for batch, place in placed]
     for part in parts:
         if not np.isfinite(part.positions).all():
             model.found("positions beyond float32", "positions are not finite, or beyond float32: their triangles are not drawn")
@@ -61,38 +62,52 @@ def _shared_vertices(mesh: Mesh) -> tuple[Any, ...]:
     return (*(id(array) for array in (mesh.positions, mesh.normals, mesh.uvs, mesh.colors)), mesh.transforms.tobytes())
 
 
-def _part(group: list[Mesh], transform: NDArray[np.float64], only_used: bool, materials: _Materials) -> Scene:
-    """Meshes that share vertices, or a single one, at one place."""
-    first = group[0]
-    triangles = [mesh.triangles for mesh in group]
-    used: Any = slice(None)
-    if only_used or first.normals is None:
-        used, triangles = _used(triangles, len(first.positions))
-    positions = placed(transform, first.positions[used], np.float32)
-    # A mirrored mesh would show its back faces.
-    if mirrors(transform):
-        triangles = [np.ascontiguousarray(some[:, ::-1]) for some in triangles]
-    looks = [materials.of(mesh, two_sided=not _encloses(positions, some)) for mesh, some in zip(group, triangles, strict=True)]
-    uvs = None if first.uvs is None else first.uvs[used]
-    colors = first.colors
-    if colors is not None and not first.colors_of_faces:
-        colors = colors[used]
-    if colors is not None and first.colors_of_faces:
-        # Faces of different colours share no vertex.
-        corners = triangles[0].reshape(-1)
-        positions, uvs = positions[corners], None if uvs is None else uvs[corners]
-        colors = np.repeat(colors, 3, axis=0)
-        triangles = [np.arange(len(corners), dtype=np.int32).reshape(-1, 3)]
-    joined = triangles[0] if len(group) == 1 else np.concatenate(triangles)
-    number = {id(look): i for i, look in enumerate(dict.fromkeys(looks))}
-    material = np.repeat(np.array([number[id(look)] for look in looks], np.int32), [len(some) for some in triangles])
-    if first.normals is not None and not first.colors_of_faces:
-        normals = turned(transform, first.normals[used])
-    else:
-        source, joined, normals = split_normals(positions, joined)
-        positions, uvs = positions[source], None if uvs is None else uvs[source]
-        colors = None if colors is None else colors[source]
-    return Scene(positions, joined, normals, uvs, colors, material, tuple(dict.fromkeys(looks)))
+class _Batch:
+    """Meshes that share vertices, or a single one. Attributes as in ``Mesh``, but of the vertices that are kept."""
+
+    def __init__(self, meshes: list[Mesh], only_used: bool) -> None:
+        first = meshes[0]
+        self.transforms = first.transforms
+        self._meshes = meshes
+        self._triangles = [mesh.triangles for mesh in meshes]
+        normals = None if first.colors_of_faces else first.normals
+        kept: Any = slice(None)
+        # To make normals, vertices are copied anyway.
+        if only_used or normals is None:
+            kept, self._triangles = _used(self._triangles, len(first.positions))
+        self.positions = first.positions[kept]
+        self._normals = None if normals is None else normals[kept]
+        self._uvs = None if first.uvs is None else first.uvs[kept]
+        self._colors = first.colors
+        if first.colors is not None and not first.colors_of_faces:
+            self._colors = first.colors[kept]
+
+    def at(self, transform: NDArray[np.float64], origin: Vector, materials: _Materials) -> Scene:
+        """The meshes at one place, counted from the origin."""
+        positions = placed_from(origin, transform, self.positions)
+        triangles = self._triangles
+        # A mirrored mesh would show its back faces.
+        if mirrors(transform):
+            triangles = [np.ascontiguousarray(some[:, ::-1]) for some in triangles]
+        closed = [_encloses(positions, some) for some in triangles]
+        looks = [materials.of(mesh, two_sided=not solid) for mesh, solid in zip(self._meshes, closed, strict=True)]
+        number = {id(look): i for i, look in enumerate(dict.fromkeys(looks))}
+        material = np.repeat(np.array([number[id(look)] for look in looks], np.int32), [len(some) for some in triangles])
+        joined_triangles = triangles[0] if len(triangles) == 1 else np.concatenate(triangles)
+        uvs, colors = self._uvs, self._colors
+        if self._meshes[0].colors_of_faces and colors is not None:
+            # Faces of different colours share no vertex.
+            corners = joined_triangles.reshape(-1)
+            positions, uvs = positions[corners], None if uvs is None else uvs[corners]
+            colors = np.repeat(colors, 3, axis=0)
+            joined_triangles = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+        if self._normals is not None:
+            normals = turned(transform, self._normals)
+        else:
+            source, joined_triangles, normals = split_normals(positions, joined_triangles)
+            positions, uvs = positions[source], None if uvs is None else uvs[source]
+            colors = None if colors is None else colors[source]
+        return Scene(positions, joined_triangles, normals, uvs, colors, material, tuple(dict.fromkeys(looks)), origin=origin)
 
 
 def _used(triangles: list[NDArray[np.int32]], count: int) -> tuple[Any, list[NDArray[np.int32]]]:
@@ -113,11 +128,10 @@ def _encloses(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> b
 
 
 class _Materials:
-    """Makes materials; meshes of one paint and look get the same, textures of one image the same array."""
+    """Makes materials; meshes of one paint and look get the same."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], Material] = {}
-        self._textures: dict[int, NDArray[np.float32]] = {}
 
     def of(self, mesh: Mesh, two_sided: bool) -> Material:
         paint = mesh.paint or Paint()
@@ -127,21 +141,7 @@ class _Materials:
         key = (mesh.name if mesh.paint is None else id(paint), two_sided, colored, textured)
         if key not in self._known:
             base = paint.base_color or (_WHITE if colored or textured else _GREY)
-            texture = self._texture(paint) if textured else None
+            texture = paint.texture if textured else None
             name = paint.name or mesh.name
             self._known[key] = Material(name, base, texture, paint.wrap, paint.filter, colored, two_sided=two_sided)
         return self._known[key]
-
-    def _texture(self, paint: Paint) -> NDArray[np.float32]:
-        assert paint.texture is not None
-        if id(paint.texture) not in self._textures:
-            self._textures[id(paint.texture)] = _decoded(paint.texture)
-        return self._textures[id(paint.texture)]
-
-
-def _decoded(codes: NDArray[Any]) -> NDArray[np.float32]:
-    """Linear light of sRGB codes of 8 or 16 bits."""
-    if codes.dtype == np.uint8:
-        return decode_table()[codes]
-    share = codes.astype(np.float64) / 65535
-    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4).astype(np.float32)
