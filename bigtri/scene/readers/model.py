@@ -63,7 +63,7 @@ class Mesh:
         name: for people.
         positions: float32 or float64 [V, 3], in the mesh's own space. Meshes may share arrays.
         triangles: int32 [T, 3], indices into the positions, counter-clockwise from the front.
-        normals: float32 [V, 3] of any length, or None.
+        normals: float32 or float64 [V, 3] of any length, or None.
         uvs: float32 [V, 2], (0, 0) at the lower left of the texture, or None.
         colors: float32 [V, 3], linear; [T, 3] if ``colors_of_faces``; or None.
         colors_of_faces: whether a colour belongs to a triangle instead of a vertex.
@@ -74,7 +74,7 @@ class Mesh:
     name: str
     positions: NDArray[Any]
     triangles: NDArray[np.int32]
-    normals: NDArray[np.float32] | None = None
+    normals: NDArray[Any] | None = None
     uvs: NDArray[np.float32] | None = None
     colors: NDArray[np.float32] | None = None
     colors_of_faces: bool = False
