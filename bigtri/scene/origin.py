@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,7 @@ def relative(positions: Sequence[NDArray[np.float64]]) -> tuple[Vector, list[NDA
         return origin, [(part - np.array(origin)).astype(np.float32) for part in positions]
 
 
-def bounds_of(positions: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def bounds_of(positions: NDArray[Any]) -> NDArray[np.float64] | None:
     """float64 [2, 3]: the lowest and the highest corner of positions [V, 3] that are finite; None where none is."""
     finite = positions[np.isfinite(positions).all(axis=1)]
-    return np.stack([finite.min(axis=0), finite.max(axis=0)]) if len(finite) else None
+    return np.stack([finite.min(axis=0), finite.max(axis=0)]).astype(np.float64) if len(finite) else None

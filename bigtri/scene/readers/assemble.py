@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from itertools import groupby
+from itertools import groupby, product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...reference.shading import decode_table
 from ..camera import Vector
 from ..normals import is_closed, split_normals
+from ..origin import WORLD_ORIGIN, bounds_of, origin_for
 from ..scene import Material, Scene, merge
 from .model import Mesh, Model, ModelError, Paint
 from .transforms import mirrors, placed, turned
@@ -29,7 +29,8 @@ def assemble(model: Model) -> Scene:
 
     Vertex normals are computed where the model has none, with a crease of 50 degrees. Surfaces that do not enclose a solid,
     or that the model calls double-sided, are lit from both sides. Meshes with the same vertices in the same place share
-    them, and an image is one array however many materials have it.
+    them, and an image is one array however many materials have it. Positions are counted from an origin that ``origin_for``
+    chooses by the boxes around the meshes, so that a model with map coordinates keeps its form.
 
     Raises:
         ModelError: there are no triangles, or more than int32 counts.
@@ -43,15 +44,31 @@ def assemble(model: Model) -> Scene:
     materials = _Materials()
     groups = [list(group) for _, group in groupby(meshes, _shared_vertices)]
     places = Counter(id(group[0].positions) for group in groups for _ in group[0].transforms)
+    origin = _origin(meshes)
     parts = []
     for group in groups:
         # What a vertex array has for others is left out.
         several = places[id(group[0].positions)] > 1
-        parts += [_part(group, transform, several, materials) for transform in group[0].transforms]
+        parts += [_part(group, transform, origin, several, materials) for transform in group[0].transforms]
     for part in parts:
         if not np.isfinite(part.positions).all():
             model.found("positions beyond float32", "positions are not finite, or beyond float32: their triangles are not drawn")
     return parts[0] if len(parts) == 1 else merge(parts)
+
+
+def _origin(meshes: list[Mesh]) -> Vector:
+    """Where positions are counted from: ``origin_for`` the boxes around the meshes, each at all its places."""
+    boxes: dict[int, NDArray[np.float64] | None] = {}
+    corners = [np.zeros((0, 3))]
+    for mesh in meshes:
+        if id(mesh.positions) not in boxes:
+            boxes[id(mesh.positions)] = bounds_of(mesh.positions)
+        box = boxes[id(mesh.positions)]
+        if box is not None:
+            eight = np.array(list(product(*box.T)))
+            corners.append(placed(np.repeat(mesh.transforms, 8, axis=0), np.tile(eight, (len(mesh.transforms), 1))))
+    bounds = bounds_of(np.concatenate(corners))
+    return WORLD_ORIGIN if bounds is None else origin_for(bounds)
 
 
 def _shared_vertices(mesh: Mesh) -> tuple[Any, ...]:
@@ -61,14 +78,16 @@ def _shared_vertices(mesh: Mesh) -> tuple[Any, ...]:
     return (*(id(array) for array in (mesh.positions, mesh.normals, mesh.uvs, mesh.colors)), mesh.transforms.tobytes())
 
 
-def _part(group: list[Mesh], transform: NDArray[np.float64], only_used: bool, materials: _Materials) -> Scene:
+def _part(group: list[Mesh], transform: NDArray[np.float64], origin: Vector, only_used: bool, materials: _Materials) -> Scene:
     """Meshes that share vertices, or a single one, at one place."""
     first = group[0]
     triangles = [mesh.triangles for mesh in group]
     used: Any = slice(None)
     if only_used or first.normals is None:
         used, triangles = _used(triangles, len(first.positions))
-    positions = placed(transform, first.positions[used], np.float32)
+    from_origin = transform.copy()
+    from_origin[:3, 3] -= origin
+    positions = placed(from_origin, first.positions[used], np.float32)
     # A mirrored mesh would show its back faces.
     if mirrors(transform):
         triangles = [np.ascontiguousarray(some[:, ::-1]) for some in triangles]
@@ -92,7 +111,7 @@ def _part(group: list[Mesh], transform: NDArray[np.float64], only_used: bool, ma
         source, joined, normals = split_normals(positions, joined)
         positions, uvs = positions[source], None if uvs is None else uvs[source]
         colors = None if colors is None else colors[source]
-    return Scene(positions, joined, normals, uvs, colors, material, tuple(dict.fromkeys(looks)))
+    return Scene(positions, joined, normals, uvs, colors, material, tuple(dict.fromkeys(looks)), origin=origin)
 
 
 def _used(triangles: list[NDArray[np.int32]], count: int) -> tuple[Any, list[NDArray[np.int32]]]:
@@ -117,7 +136,6 @@ class _Materials:
 
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], Material] = {}
-        self._textures: dict[int, NDArray[np.float32]] = {}
 
     def of(self, mesh: Mesh, two_sided: bool) -> Material:
         paint = mesh.paint or Paint()
@@ -127,21 +145,7 @@ class _Materials:
         key = (mesh.name if mesh.paint is None else id(paint), two_sided, colored, textured)
         if key not in self._known:
             base = paint.base_color or (_WHITE if colored or textured else _GREY)
-            texture = self._texture(paint) if textured else None
+            texture = paint.texture if textured else None
             name = paint.name or mesh.name
             self._known[key] = Material(name, base, texture, paint.wrap, paint.filter, colored, two_sided=two_sided)
         return self._known[key]
-
-    def _texture(self, paint: Paint) -> NDArray[np.float32]:
-        assert paint.texture is not None
-        if id(paint.texture) not in self._textures:
-            self._textures[id(paint.texture)] = _decoded(paint.texture)
-        return self._textures[id(paint.texture)]
-
-
-def _decoded(codes: NDArray[Any]) -> NDArray[np.float32]:
-    """Linear light of sRGB codes of 8 or 16 bits."""
-    if codes.dtype == np.uint8:
-        return decode_table()[codes]
-    share = codes.astype(np.float64) / 65535
-    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4).astype(np.float32)
