@@ -600,9 +600,20 @@ def test_a_glb_is_told_by_its_bytes(tmp_path):
         assert load_scene(tmp_path / name).bounds.tolist() == SQUARE
 
 
-def test_texture_codes_are_kept(load):
+def test_textures_stay_as_codes(load):
     texture = load(textured_quad(pixels=quarters(4) // 2)).materials[0].texture
     assert texture.dtype == np.uint8 and np.array_equal(texture, quarters(4) // 2)
+
+
+def test_far_from_the_origin(load):
+    """Two squares at map coordinates keep their form: the nodes' places are added up in float64."""
+    file = quad(node={"translation": [400_000.25, 4_080_000.75, 120.5]})
+    file.node(file.primitive({"POSITION": QUAD}, QUAD_INDICES), translation=[400_002.25, 4_080_000.75, 120.5])
+    scene = load(file)
+    assert scene.bounds.tolist() == [[399_999.25, 4_079_999.75, 120.5], [400_003.25, 4_080_001.75, 120.5]]
+    assert np.abs(scene.positions).max() < 8
+    moved = scene.positions + np.array(scene.origin) - (400_000.25, 4_080_000.75, 120.5)
+    assert sorted(map(tuple, moved.tolist())) == sorted(map(tuple, [*QUAD.tolist(), *(QUAD + (2, 0, 0)).tolist()]))
 
 
 def test_an_image_of_another_size_of_alpha(load):

@@ -1,5 +1,6 @@
 """Damaged model files: a scene or one line that says what is wrong, never a traceback, a warning of NumPy's or a hang."""
 
+import copy
 import json
 import random
 import warnings
@@ -87,7 +88,7 @@ def test_values_of_the_json_replaced(tmp_path, seed):
             if isinstance(container, dict) and chance.random() < 0.2:
                 del container[key]
             else:
-                container[key] = chance.choice(JUNK)
+                container[key] = copy.deepcopy(chance.choice(JUNK))
         drawn += check(file.write(tmp_path / "changed.glb"), draw=count % 10 == 0)
     assert 0 < drawn < 120  # some are harmless, some are not
 

@@ -355,7 +355,7 @@ def test_whatever_trimesh_raises_is_a_value_error(tmp_path, monkeypatch, owner, 
         load_scene(tmp_path / "box.ply")
 
 
-@pytest.mark.parametrize("function", ["split_normals", "is_closed", "placed", "Scene"])
+@pytest.mark.parametrize("function", ["split_normals", "is_closed", "placed_from", "Scene"])
 @pytest.mark.parametrize("error", [KeyError("bug"), ValueError("bug")])
 def test_faults_of_our_own_are_not_blamed_on_the_file(tmp_path, monkeypatch, function, error):
     def fail(*_, **__):

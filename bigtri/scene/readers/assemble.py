@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from itertools import groupby, product
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from ..camera import Vector
 from ..normals import is_closed, split_normals
-from ..origin import WORLD_ORIGIN, bounds_of, origin_for
+from ..origin import WORLD_ORIGIN, origin_for
 from ..scene import Material, Scene, merge
 from .model import Mesh, Model, ModelError, Paint
-from .transforms import mirrors, placed, turned
+from .transforms import bounds_of_placed, joined, mirrors, placed_from, turned
 
 # For geometry that says nothing about its colour: linear, a light grey.
 _GREY: Vector = (0.6, 0.6, 0.6)
@@ -29,8 +29,7 @@ def assemble(model: Model) -> Scene:
 
     Vertex normals are computed where the model has none, with a crease of 50 degrees. Surfaces that do not enclose a solid,
     or that the model calls double-sided, are lit from both sides. Meshes with the same vertices in the same place share
-    them, and an image is one array however many materials have it. Positions are counted from an origin that ``origin_for``
-    chooses by the boxes around the meshes, so that a model with map coordinates keeps its form.
+    them, and an image is one array however many materials have it.
 
     Raises:
         ModelError: there are no triangles, or more than int32 counts.
@@ -41,34 +40,19 @@ def assemble(model: Model) -> Scene:
         raise ModelError(f"there are no triangles in it: point clouds and lines are not drawn{others}")
     if (count := sum(len(mesh.triangles) * len(mesh.transforms) for mesh in meshes)) > _MOST:
         raise ModelError(f"there must be at most {_MOST} triangles in it, got {count}")
-    materials = _Materials()
     groups = [list(group) for _, group in groupby(meshes, _shared_vertices)]
     places = Counter(id(group[0].positions) for group in groups for _ in group[0].transforms)
-    origin = _origin(meshes)
-    parts = []
-    for group in groups:
-        # What a vertex array has for others is left out.
-        several = places[id(group[0].positions)] > 1
-        parts += [_part(group, transform, origin, several, materials) for transform in group[0].transforms]
+    # What a vertex array has for others is left out.
+    batches = [_Batch(group, only_used=places[id(group[0].positions)] > 1) for group in groups]
+    placed = [(batch, transform) for batch in batches for transform in batch.transforms]
+    bounds = joined([box for box in (bounds_of_placed(place, batch.positions) for batch, place in placed) if box is not None])
+    origin = WORLD_ORIGIN if bounds is None else origin_for(bounds)
+    materials = _Materials()
+    parts = [batch.at(place, origin, materials) for batch, place in placed]
     for part in parts:
         if not np.isfinite(part.positions).all():
             model.found("positions beyond float32", "positions are not finite, or beyond float32: their triangles are not drawn")
     return parts[0] if len(parts) == 1 else merge(parts)
-
-
-def _origin(meshes: list[Mesh]) -> Vector:
-    """Where positions are counted from: ``origin_for`` the boxes around the meshes, each at all its places."""
-    boxes: dict[int, NDArray[np.float64] | None] = {}
-    corners = [np.zeros((0, 3))]
-    for mesh in meshes:
-        if id(mesh.positions) not in boxes:
-            boxes[id(mesh.positions)] = bounds_of(mesh.positions)
-        box = boxes[id(mesh.positions)]
-        if box is not None:
-            eight = np.array(list(product(*box.T)))
-            corners.append(placed(np.repeat(mesh.transforms, 8, axis=0), np.tile(eight, (len(mesh.transforms), 1))))
-    bounds = bounds_of(np.concatenate(corners))
-    return WORLD_ORIGIN if bounds is None else origin_for(bounds)
 
 
 def _shared_vertices(mesh: Mesh) -> tuple[Any, ...]:
@@ -78,40 +62,52 @@ def _shared_vertices(mesh: Mesh) -> tuple[Any, ...]:
     return (*(id(array) for array in (mesh.positions, mesh.normals, mesh.uvs, mesh.colors)), mesh.transforms.tobytes())
 
 
-def _part(group: list[Mesh], transform: NDArray[np.float64], origin: Vector, only_used: bool, materials: _Materials) -> Scene:
-    """Meshes that share vertices, or a single one, at one place."""
-    first = group[0]
-    triangles = [mesh.triangles for mesh in group]
-    used: Any = slice(None)
-    if only_used or first.normals is None:
-        used, triangles = _used(triangles, len(first.positions))
-    from_origin = transform.copy()
-    from_origin[:3, 3] -= origin
-    positions = placed(from_origin, first.positions[used], np.float32)
-    # A mirrored mesh would show its back faces.
-    if mirrors(transform):
-        triangles = [np.ascontiguousarray(some[:, ::-1]) for some in triangles]
-    looks = [materials.of(mesh, two_sided=not _encloses(positions, some)) for mesh, some in zip(group, triangles, strict=True)]
-    uvs = None if first.uvs is None else first.uvs[used]
-    colors = first.colors
-    if colors is not None and not first.colors_of_faces:
-        colors = colors[used]
-    if colors is not None and first.colors_of_faces:
-        # Faces of different colours share no vertex.
-        corners = triangles[0].reshape(-1)
-        positions, uvs = positions[corners], None if uvs is None else uvs[corners]
-        colors = np.repeat(colors, 3, axis=0)
-        triangles = [np.arange(len(corners), dtype=np.int32).reshape(-1, 3)]
-    joined = triangles[0] if len(group) == 1 else np.concatenate(triangles)
-    number = {id(look): i for i, look in enumerate(dict.fromkeys(looks))}
-    material = np.repeat(np.array([number[id(look)] for look in looks], np.int32), [len(some) for some in triangles])
-    if first.normals is not None and not first.colors_of_faces:
-        normals = turned(transform, first.normals[used])
-    else:
-        source, joined, normals = split_normals(positions, joined)
-        positions, uvs = positions[source], None if uvs is None else uvs[source]
-        colors = None if colors is None else colors[source]
-    return Scene(positions, joined, normals, uvs, colors, material, tuple(dict.fromkeys(looks)), origin=origin)
+class _Batch:
+    """Meshes that share vertices, or a single one. Attributes as in ``Mesh``, but of the vertices that are kept."""
+
+    def __init__(self, meshes: list[Mesh], only_used: bool) -> None:
+        first = meshes[0]
+        self.transforms = first.transforms
+        self._meshes = meshes
+        self._triangles = [mesh.triangles for mesh in meshes]
+        normals = None if first.colors_of_faces else first.normals
+        kept: Any = slice(None)
+        # To make normals, vertices are copied anyway.
+        if only_used or normals is None:
+            kept, self._triangles = _used(self._triangles, len(first.positions))
+        self.positions = first.positions[kept]
+        self._normals = None if normals is None else normals[kept]
+        self._uvs = None if first.uvs is None else first.uvs[kept]
+        self._colors = first.colors
+        if first.colors is not None and not first.colors_of_faces:
+            self._colors = first.colors[kept]
+
+    def at(self, transform: NDArray[np.float64], origin: Vector, materials: _Materials) -> Scene:
+        """The meshes at one place, counted from the origin."""
+        positions = placed_from(origin, transform, self.positions)
+        triangles = self._triangles
+        # A mirrored mesh would show its back faces.
+        if mirrors(transform):
+            triangles = [np.ascontiguousarray(some[:, ::-1]) for some in triangles]
+        closed = [_encloses(positions, some) for some in triangles]
+        looks = [materials.of(mesh, two_sided=not solid) for mesh, solid in zip(self._meshes, closed, strict=True)]
+        number = {id(look): i for i, look in enumerate(dict.fromkeys(looks))}
+        material = np.repeat(np.array([number[id(look)] for look in looks], np.int32), [len(some) for some in triangles])
+        joined_triangles = triangles[0] if len(triangles) == 1 else np.concatenate(triangles)
+        uvs, colors = self._uvs, self._colors
+        if self._meshes[0].colors_of_faces and colors is not None:
+            # Faces of different colours share no vertex.
+            corners = joined_triangles.reshape(-1)
+            positions, uvs = positions[corners], None if uvs is None else uvs[corners]
+            colors = np.repeat(colors, 3, axis=0)
+            joined_triangles = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+        if self._normals is not None:
+            normals = turned(transform, self._normals)
+        else:
+            source, joined_triangles, normals = split_normals(positions, joined_triangles)
+            positions, uvs = positions[source], None if uvs is None else uvs[source]
+            colors = None if colors is None else colors[source]
+        return Scene(positions, joined_triangles, normals, uvs, colors, material, tuple(dict.fromkeys(looks)), origin=origin)
 
 
 def _used(triangles: list[NDArray[np.int32]], count: int) -> tuple[Any, list[NDArray[np.int32]]]:
@@ -132,7 +128,7 @@ def _encloses(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> b
 
 
 class _Materials:
-    """Makes materials; meshes of one paint and look get the same, textures of one image the same array."""
+    """Makes materials; meshes of one paint and look get the same."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], Material] = {}

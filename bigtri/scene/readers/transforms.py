@@ -8,20 +8,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import affine
+from ..camera import Vector, affine
+from ..origin import bounds_of
 
 # Points that are worked on at a time, so that float64 is not needed of all at once.
 _CHUNK = 1 << 16
 
 
-def placed(matrix: NDArray[np.float64], points: NDArray[Any], dtype: type[np.floating] = np.float64) -> NDArray[Any]:
-    """[V, 3]: points [V, 3] by one matrix [4, 4], or by one each [V, 4, 4]; rounded once, to ``dtype``."""
-    result = np.empty((len(points), 3), dtype)
+def placed(matrix: NDArray[np.float64], points: NDArray[Any]) -> NDArray[np.float64]:
+    """float64 [V, 3]: points [V, 3] by one matrix [4, 4], or by one each [V, 4, 4]."""
+    points = points.astype(np.float64, copy=False)
+    return np.stack([affine(np.moveaxis(matrix[..., i, :], -1, 0), points) for i in range(3)], axis=1)
+
+
+def placed_from(origin: Vector, matrix: NDArray[np.float64], points: NDArray[Any]) -> NDArray[np.float32]:
+    """float32 [V, 3]: points [V, 3] by a matrix [4, 4], counted from ``origin``; rounded once, at the end."""
+    result = np.empty((len(points), 3), np.float32)
     for chunk in _chunks(len(points)):
-        some, rows = points[chunk].astype(np.float64), _of(matrix, chunk)
-        for i in range(3):
-            result[chunk, i] = affine(np.moveaxis(rows[..., i, :], -1, 0), some)
+        result[chunk] = placed(matrix, points[chunk]) - np.array(origin)
     return result
+
+
+def bounds_of_placed(matrix: NDArray[np.float64], points: NDArray[Any]) -> NDArray[np.float64] | None:
+    """float64 [2, 3]: the lowest and the highest corner of points [V, 3] by a matrix [4, 4], None where none is finite."""
+    boxes = [bounds_of(placed(matrix, points[chunk])) for chunk in _chunks(len(points))]
+    return joined([box for box in boxes if box is not None])
+
+
+def joined(boxes: list[NDArray[np.float64]]) -> NDArray[np.float64] | None:
+    """float64 [2, 3]: what holds all boxes [2, 3]; None without any."""
+    return np.stack([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]]) if boxes else None
 
 
 def turned(matrix: NDArray[np.float64], normals: NDArray[Any]) -> NDArray[np.float32]:
