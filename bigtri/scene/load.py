@@ -29,7 +29,8 @@ def load_scene(path: str | os.PathLike[str], strict: bool = False) -> Scene:
     """A scene from a GLB, glTF, OBJ (with MTL), PLY, STL or OFF file. docs/models.md says what is read of each.
 
     Meshes are placed by their nodes; vertex normals are computed where the file has none, with a crease of 50 degrees.
-    Surfaces that do not enclose a solid, or that the file calls double-sided, are lit from both sides.
+    Surfaces that do not enclose a solid, or that the file calls double-sided, are lit from both sides. Positions are counted
+    from ``Scene.origin``, which is (0, 0, 0) unless a coordinate is more than 8 times the model's size.
 
     What the file has and the picture does not show is a ``ModelWarning``, one for each kind of it.
 

@@ -170,7 +170,7 @@ def _paint(name: str, mesh: Any) -> Paint | None:
         codes = np.asarray(factor, np.uint8)[:3]
         _check_shape(name, "the base color", codes, 3)
         base_color = _linear(codes, is_linear)
-    texture = None if image is None else np.asarray(image.convert("RGB"))
+    texture = None if image is None else np.array(image.convert("RGB"))
     _check_shape(name, "the texture", texture, "Ht", "Wt", 3)
     red, green, blue = base_color.tolist()
     return Paint(str(source.name) if source.name else "", (red, green, blue), texture, double_sided=double_sided)
