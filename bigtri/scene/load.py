@@ -17,10 +17,10 @@ from .scene import Scene
 _READERS = {
     ".glb": "gltf",
     ".gltf": "gltf",
-    ".obj": "through_trimesh",
-    ".ply": "through_trimesh",
-    ".stl": "through_trimesh",
-    ".off": "through_trimesh",
+    ".obj": "obj",
+    ".ply": "ply",
+    ".stl": "stl",
+    ".off": "off",
 }
 FILE_KINDS = tuple(_READERS)
 
