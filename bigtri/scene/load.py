@@ -26,7 +26,7 @@ FILE_KINDS = tuple(_READERS)
 
 
 def load_scene(path: str | os.PathLike[str], strict: bool = False) -> Scene:
-    """A scene from a GLB, glTF, OBJ (with MTL), PLY, STL or OFF file. docs/models.md says what is read of each.
+    """A scene from a GLB, glTF, OBJ (with MTL), PLY, STL or OFF file; docs/models.md says what is read of each.
 
     Meshes are placed by their nodes; vertex normals are computed where the file has none, with a crease of 50 degrees.
     Surfaces that do not enclose a solid, or that the file calls double-sided, are lit from both sides. Positions are counted
@@ -40,7 +40,6 @@ def load_scene(path: str | os.PathLike[str], strict: bool = False) -> Scene:
 
     Raises:
         FileNotFoundError: no such file.
-        ImportError: a package that reads this kind of file is not installed.
         TypeError: path is none, or strict is neither True nor False.
         ValueError: the file is of another kind, cannot be read, or holds no triangles; or a warning, if ``strict``.
     """
