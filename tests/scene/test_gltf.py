@@ -12,6 +12,7 @@ from PIL import Image
 
 import bigtri
 from bigtri import Camera, ModelWarning, load_scene, render
+from bigtri.scene.carried import Lamp
 from bigtri.scene.normals import face_normals
 from bigtri.scene.readers.gltf.accessors import Accessors
 from bigtri.scene.readers.gltf.document import Document
@@ -96,8 +97,76 @@ def test_where_the_corners_are(load, make, bounds):
 
 
 def test_below_a_camera(load):
-    scene = load(gltf_files.below_a_camera(), said=["a camera is not used"])
+    scene = load(gltf_files.below_a_camera(), said=["a camera is in Scene.cameras, but not what the picture is seen from"])
     assert scene.bounds.tolist() == [[0, -2, 2], [4, 2, 2]]
+    assert scene.cameras == (Camera((2, 0, 0), (2, 0, -1), (0, 2, 0), 45, 0.5, 9),)
+
+
+def test_cameras_that_are_left_out(load):
+    file = gltf_files.below_a_camera()
+    file.json["cameras"][0] = {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 1, "zfar": 2}}
+    assert load(file, said=["a camera without perspective is left out"]).cameras == ()
+    file.json["cameras"][0] = {"type": "perspective", "perspective": {"yfov": 4, "znear": 0.1}}
+    assert load(file, said=["cameras[0] is left out: bigtri.Camera: fov_y must be in (0, 180) degrees, got 229"]).cameras == ()
+    file.json["cameras"][0] = {"type": "perspective", "perspective": {"yfov": 1, "znear": 2}}
+    (camera,) = load(file, said=["Scene.cameras"]).cameras
+    assert camera.depth_range == (2, 2e6)
+
+
+def test_lights_are_carried(load):
+    file = quad()
+    spot = {"type": "spot", "color": [1, 0.5, 0], "intensity": 7, "range": 3, "spot": {"outerConeAngle": np.pi / 3}}
+    lights = [spot, {"type": "directional"}, {"type": "lava"}]
+    file.json["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
+    for light in range(3):
+        # Turned by a half about y: it shines along +z.
+        turned = {"rotation": [0, 1, 0, 0], "translation": [0, light, 0]}
+        file.node(extensions={"KHR_lights_punctual": {"light": light}}, **turned)
+    scene = load(file, said=["is in Scene.lamps, but the picture is lit by others (2 times)", "lights[2] is left out: "])
+    assert scene.lamps == (
+        Lamp("spot", (0, 0, 0), (0, 0, 1), (1, 0.5, 0), 7, 3, (0, np.degrees(np.pi / 3))),
+        Lamp("directional", (0, 1, 0), (0, 0, 1)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("mode", "indices"),
+    [
+        (0, [[0], [1], [2], [3], [4]]),
+        (1, [[0, 1], [2, 3]]),
+        (2, [[0, 1], [1, 2], [2, 3], [3, 4], [4, 0]]),
+        (3, [[0, 1], [1, 2], [2, 3], [3, 4]]),
+    ],
+)
+def test_points_and_lines_are_carried(load, mode, indices):
+    """Of six vertices the first is used by nothing."""
+    file = quad()
+    corners = np.array([(9, 9, 9), (0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 2, 0)], np.float32)
+    colors = np.linspace(0, 1, 18, dtype=np.float32).reshape(6, 3)
+    strokes = file.primitive({"POSITION": corners, "COLOR_0": colors}, np.arange(1, 6, dtype=np.uint8), mode=mode, material=0)
+    file.material(baseColorFactor=[0.5, 1, 1, 1])
+    file.node(strokes, translation=[0, 0, 5])
+    said = ["has 5 corners, which is no multiple of 2"] if mode == 1 else []
+    scene = load(file, said=[f"(primitive mode {mode}) are not drawn", *said])
+    (marks,) = scene.marks
+    used = slice(1, 5 if mode == 1 else 6)
+    assert marks.indices.tolist() == indices and np.array_equal(marks.positions, corners[used] + np.float32((0, 0, 5)))
+    assert np.array_equal(marks.colors, colors[used]) and marks.base_color == (0.5, 1, 1)
+    assert scene.bounds.tolist() == SQUARE
+
+
+def test_what_materials_have_is_carried(load):
+    file = textured_quad(alphaMode="MASK", alphaCutoff=0.25, baseColorFactor=[1, 1, 1, 0.75], emissiveFactor=[0.5, 1, 0])
+    extensions = {"KHR_materials_unlit": {}, "KHR_materials_emissive_strength": {"emissiveStrength": 4}}
+    file.json["materials"][0] |= {"extensions": extensions, "emissiveTexture": {"index": 0}}
+    said = ["alphaMode MASK", "emits light", "KHR_materials_unlit", "KHR_materials_emissive_strength"]
+    (material,) = load(file, said=said).materials
+    assert (material.alpha_mode, material.alpha, material.alpha_cutoff) == ("mask", 0.75, 0.25)
+    assert material.unlit and material.emissive == (2, 4, 0)
+    assert material.emissive_texture is material.texture
+    file.json["materials"][0]["emissiveTexture"]["texCoord"] = 1
+    (material,) = load(file, said=[*said, "has a texture at other coordinates"]).materials
+    assert material.emissive_texture is None
 
 
 @pytest.mark.parametrize("dtype", ["int8", "uint8", "int16", "uint16", "float32"])
@@ -444,8 +513,6 @@ def with_material(**settings):
         (with_material(extensions={"KHR_materials_unlit": {}}), "without lights (KHR_materials_unlit)"),
         (with_material(extensions={"KHR_materials_clearcoat": {}}), "a material has KHR_materials_clearcoat"),
         (change("animations", [{}]), "an animation is not played"),
-        (change("nodes.0.camera", 0), "a camera is not used"),
-        (change("nodes.0.extensions", {"KHR_lights_punctual": {"light": 0}}), "a light (KHR_lights_punctual) is not used"),
         (change("extensionsUsed", ["VENDOR_fur"]), "the extension VENDOR_fur is not read"),
         (change("extensions", {"KHR_materials_variants": {"variants": []}}), "other materials to choose from"),
         (change("scenes", [{"nodes": [0]}, {"nodes": [0]}]), "of 2 scenes only scenes[0] is drawn"),
@@ -542,6 +609,11 @@ def test_strict_is_true_or_false():
         (change("buffers", [{"byteLength": 9, "uri": "no.bin"}]), "buffers[0].uri: there is no file 'no.bin' beside it"),
         (change("buffers", [{"byteLength": 9, "uri": "data:x"}]), "buffers[0].uri: a data URI must have a comma before its data"),
         (change("buffers", [{"byteLength": 9, "uri": "data:;base64,%"}]), "buffers[0].uri: a data URI is not base64: "),
+        (change("nodes.0.camera", 0), "nodes[0].camera must be an index into the 0 cameras, got 0"),
+        (
+            change("nodes.0.extensions", {"KHR_lights_punctual": {}}),
+            "KHR_lights_punctual.light must be an index into the 0 lights",
+        ),
         (with_material(alphaMode="GLASS"), "materials[0].alphaMode must be OPAQUE, MASK or BLEND, got 'GLASS'"),
         (with_material(baseColorTexture={"index": 3}), "baseColorTexture.index must be an index into the 0 textures, got 3"),
         (with_material(doubleSided="yes"), 'materials[0].doubleSided must be true or false, got "yes"'),

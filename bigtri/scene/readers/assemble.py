@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Vector
+from ..carried import Marks
 from ..normals import is_closed, split_normals
 from ..origin import WORLD_ORIGIN, joined, origin_for
 from ..scene import Material, Scene, merge
-from .model import Mesh, Model, ModelError, Paint
+from .model import Mesh, Model, ModelError, Paint, Strokes
 from .transforms import bounds_of_placed, mirrors, placed_from, turned
 
 # For geometry that says nothing about its colour: linear, a light grey.
@@ -52,7 +53,16 @@ def assemble(model: Model) -> Scene:
     for part in parts:
         if not np.isfinite(part.positions).all():
             model.found("positions beyond float32", "positions are not finite, or beyond float32: their triangles are not drawn")
-    return parts[0] if len(parts) == 1 else merge(parts)
+    scene = parts[0] if len(parts) == 1 else merge(parts)
+    marks = [_marks(strokes, transform, origin) for strokes in model.strokes for transform in strokes.transforms]
+    return scene.with_(marks=marks, cameras=model.cameras, lamps=model.lamps)
+
+
+def _marks(strokes: Strokes, transform: NDArray[np.float64], origin: Vector) -> Marks:
+    kept, (indices,) = _used([strokes.indices], len(strokes.positions))
+    colors = None if strokes.colors is None else strokes.colors[kept]
+    base = None if strokes.paint is None else strokes.paint.base_color
+    return Marks(placed_from(origin, transform, strokes.positions[kept]), indices, colors, base or _WHITE)
 
 
 def _shared_vertices(mesh: Mesh) -> tuple[Any, ...]:
@@ -142,6 +152,19 @@ class _Materials:
         if key not in self._known:
             base = paint.base_color or (_WHITE if colored or textured else _GREY)
             texture = paint.texture if textured else None
-            name = paint.name or mesh.name
-            self._known[key] = Material(name, base, texture, paint.wrap, paint.filter, colored, two_sided=two_sided)
+            self._known[key] = Material(
+                paint.name or mesh.name,
+                base,
+                texture,
+                paint.wrap,
+                paint.filter,
+                colored,
+                two_sided=two_sided,
+                alpha_mode=paint.alpha_mode,
+                alpha=paint.alpha,
+                alpha_cutoff=paint.alpha_cutoff,
+                unlit=paint.unlit,
+                emissive=paint.emissive,
+                emissive_texture=paint.emissive_texture if mesh.uvs is not None else None,
+            )
         return self._known[key]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera import Vector
 from ..model import ModelError, Paint
 from .document import Document
-from .extensions import SPECULAR_GLOSSINESS, UNLIT
+from .extensions import EMISSIVE_STRENGTH, SPECULAR_GLOSSINESS, UNLIT
 from .json_values import JsonObject
 from .textures import Texture, Textures
 
@@ -55,9 +57,40 @@ class Materials:
         if (older := material.extension(SPECULAR_GLOSSINESS)) is not None:
             owner, factor, texture = older, "diffuseFactor", "diffuseTexture"
         base = self._textures.read(owner.object(texture)) if texture in owner else _NO_TEXTURE
-        red, green, blue, _ = owner.numbers(factor, (1.0, 1.0, 1.0, 1.0))
-        paint = Paint(material.text("name"), (red, green, blue), base.image, base.wrap, base.filter, material.flag("doubleSided"))
+        red, green, blue, alpha = owner.numbers(factor, (1.0, 1.0, 1.0, 1.0))
+        emissive, emissive_texture, base = self._emission(material, base)
+        paint = Paint(
+            material.text("name"),
+            (red, green, blue),
+            base.image,
+            base.wrap,
+            base.filter,
+            material.flag("doubleSided"),
+            alpha_mode=material.text("alphaMode", "OPAQUE").lower(),
+            alpha=alpha,
+            alpha_cutoff=material.number("alphaCutoff", 0.5),
+            unlit=material.extension(UNLIT) is not None,
+            emissive=emissive,
+            emissive_texture=emissive_texture,
+        )
         return Surface(paint, base.set, base.transform)
+
+    def _emission(self, material: JsonObject, base: Texture) -> tuple[Vector, NDArray[Any] | None, Texture]:
+        """The colour that is emitted, its texture, and ``base``: where that has no image, with the other one's coordinates."""
+        red, green, blue = material.numbers("emissiveFactor", (0.0, 0.0, 0.0))
+        strength = material.extension(EMISSIVE_STRENGTH) or JsonObject({})
+        times = strength.number("emissiveStrength", 1.0)
+        emissive = (red * times, green * times, blue * times)
+        if "emissiveTexture" not in material or not any(emissive):
+            return emissive, None, base
+        texture = self._textures.read(material.object("emissiveTexture"))
+        if base.image is None:
+            base = replace(texture, image=None)
+        if not base.has_coordinates_of(texture):
+            text = "what a material emits has a texture at other coordinates than its colour: it is left out"
+            self._document.model.found("emission at other coordinates", text)
+            return emissive, None, base
+        return emissive, texture.image, base
 
     def _name_what_is_left_out(self, material: JsonObject) -> None:
         found = self._document.model.found

@@ -36,6 +36,11 @@ class Texture:
     set: int
     transform: NDArray[np.float64] | None
 
+    def has_coordinates_of(self, other: Texture) -> bool:
+        """Whether both are read at the same place."""
+        one, two = (np.eye(2, 3) if texture.transform is None else texture.transform for texture in (self, other))
+        return self.set == other.set and np.array_equal(one, two)
+
 
 class Textures:
     """Reads textures; an image that several share is one array."""
