@@ -26,6 +26,7 @@ class _Rows(NamedTuple):
     lengths: NDArray[np.int64]  # [lines], how many it has
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def read(path: Path) -> Model:
     """The faces of an OFF file.
 
