@@ -17,19 +17,20 @@ from .scene import Scene
 _READERS = {
     ".glb": "gltf",
     ".gltf": "gltf",
-    ".obj": "through_trimesh",
-    ".ply": "through_trimesh",
-    ".stl": "through_trimesh",
-    ".off": "through_trimesh",
+    ".obj": "obj",
+    ".ply": "ply",
+    ".stl": "stl",
+    ".off": "off",
 }
 FILE_KINDS = tuple(_READERS)
 
 
 def load_scene(path: str | os.PathLike[str], strict: bool = False) -> Scene:
-    """A scene from a GLB, glTF, OBJ (with MTL), PLY, STL or OFF file. docs/models.md says what is read of each.
+    """A scene from a GLB, glTF, OBJ (with MTL), PLY, STL or OFF file; docs/models.md says what is read of each.
 
     Meshes are placed by their nodes; vertex normals are computed where the file has none, with a crease of 50 degrees.
-    Surfaces that do not enclose a solid, or that the file calls double-sided, are lit from both sides.
+    Surfaces that do not enclose a solid, or that the file calls double-sided, are lit from both sides. Positions are counted
+    from ``Scene.origin``, which is (0, 0, 0) unless a coordinate is more than 8 times the model's size.
 
     What the file has and the picture does not show is a ``ModelWarning``, one for each kind of it.
 
@@ -39,7 +40,6 @@ def load_scene(path: str | os.PathLike[str], strict: bool = False) -> Scene:
 
     Raises:
         FileNotFoundError: no such file.
-        ImportError: a package that reads this kind of file is not installed.
         TypeError: path is none, or strict is neither True nor False.
         ValueError: the file is of another kind, cannot be read, or holds no triangles; or a warning, if ``strict``.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,15 +45,19 @@ def relative(positions: Sequence[NDArray[np.float64]]) -> tuple[Vector, list[NDA
     Returns:
         The origin, and float32 [V, 3] each: (0, 0, 0) and the rounded positions, or position minus origin in float64, rounded.
     """
-    boxes = [bounds_of(part) for part in positions]
-    known = np.array([box for box in boxes if box is not None]).reshape(-1, 2, 3)
-    origin = origin_for(np.stack([known[:, 0].min(axis=0), known[:, 1].max(axis=0)])) if len(known) else WORLD_ORIGIN
+    bounds = joined([box for part in positions if (box := bounds_of(part)) is not None])
+    origin = WORLD_ORIGIN if bounds is None else origin_for(bounds)
     # A point beyond float32's range becomes an infinity, and rasterize drops and counts its triangles.
     with np.errstate(over="ignore", invalid="ignore"):
         return origin, [(part - np.array(origin)).astype(np.float32) for part in positions]
 
 
-def bounds_of(positions: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def bounds_of(positions: NDArray[Any]) -> NDArray[np.float64] | None:
     """float64 [2, 3]: the lowest and the highest corner of positions [V, 3] that are finite; None where none is."""
     finite = positions[np.isfinite(positions).all(axis=1)]
-    return np.stack([finite.min(axis=0), finite.max(axis=0)]) if len(finite) else None
+    return np.stack([finite.min(axis=0), finite.max(axis=0)]).astype(np.float64) if len(finite) else None
+
+
+def joined(boxes: list[NDArray[np.float64]]) -> NDArray[np.float64] | None:
+    """float64 [2, 3]: what holds all boxes [2, 3]; None without any."""
+    return np.stack([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]]) if boxes else None

@@ -187,7 +187,9 @@ class Scene:
     @property
     def bounds(self) -> NDArray[np.float64]:
         """float64 [2, 3], world space: the lowest and highest corner of what the triangles use; of an empty scene the origin."""
-        bounds = bounds_of(self.positions[self.triangles.reshape(-1)].astype(np.float64))
+        used = np.zeros(len(self.positions), bool)
+        used[self.triangles.reshape(-1)] = True
+        bounds = bounds_of(self.positions[used])
         if bounds is None:
             bounds = np.zeros((2, 3))
         return bounds if self.origin == WORLD_ORIGIN else bounds + np.array(self.origin)  # -0 + 0 would be another zero

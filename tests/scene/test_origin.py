@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from backends import BACKENDS
 
-from bigtri import Camera, Scene, render
+from bigtri import Camera, Scene, load_scene, render
 from bigtri.scene import Light, Material, merge
 from bigtri.scene.normals import split_normals
 from bigtri.scene.origin import origin_for, relative
@@ -108,6 +108,34 @@ def test_what_is_not_finite_has_no_say_in_the_origin():
     assert origin == PLACES["UTM"] and np.array_equal(whole, vertices) and none.shape == (0, 3)
     assert np.isnan(rest[0, 0]) and rest[1, 1] == np.inf
     assert relative([broken])[0] == relative([])[0] == (0, 0, 0)
+
+
+@pytest.mark.parametrize("kind", ["obj", "glb", "glb of two"])
+def test_files_with_map_coordinates(kind, tmp_path):
+    vertices, triangles = ball()
+    place, path = np.array(PLACES["UTM"]), tmp_path / f"far.{kind[:3]}"
+    if kind == "obj":  # in the file itself
+        lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in (vertices + place).tolist()]
+        path.write_text("\n".join([*lines, *(f"f {i} {j} {k}" for i, j, k in (triangles + 1).tolist())]))
+    else:  # by the nodes of the file
+        scene, matrix = trimesh.Scene(), np.eye(4)
+        for name, at in (("one", place), ("two", place + (4, 0, 0)))[: 2 if kind.endswith("two") else 1]:
+            matrix[:3, 3] = at
+            scene.add_geometry(trimesh.Trimesh(vertices, triangles, process=False), node_name=name, transform=matrix.copy())
+        scene.export(path)
+    loaded = load_scene(path)
+    assert np.abs(np.array(loaded.origin) - place).max() <= 4
+    far = np.concatenate([vertices, vertices + (4, 0, 0)]) if kind.endswith("two") else vertices
+    world = loaded.positions.astype(np.float64) + loaded.origin
+    assert np.array_equal(np.unique(world, axis=0), np.unique(far + place, axis=0))
+    assert np.array_equal(loaded.bounds, [far.min(axis=0) + place, far.max(axis=0) + place])
+
+
+def test_a_file_near_home_has_no_origin(tmp_path):
+    vertices, triangles = ball()
+    trimesh.Trimesh(vertices + (13, -15, 0), triangles, process=False).export(tmp_path / "near.ply")
+    loaded = load_scene(tmp_path / "near.ply")
+    assert loaded.origin == (0, 0, 0) and loaded.positions[:, 1].max() == -14
 
 
 def test_merging_brings_origins_together():

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from ..camera import Vector
 from ..normals import is_closed, split_normals
-from ..origin import WORLD_ORIGIN, origin_for
+from ..origin import WORLD_ORIGIN, joined, origin_for
 from ..scene import Material, Scene, merge
 from .model import Mesh, Model, ModelError, Paint
-from .transforms import bounds_of_placed, joined, mirrors, placed_from, turned
+from .transforms import bounds_of_placed, mirrors, placed_from, turned
 
 # For geometry that says nothing about its colour: linear, a light grey.
 _GREY: Vector = (0.6, 0.6, 0.6)

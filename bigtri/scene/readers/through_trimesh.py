@@ -1,11 +1,9 @@
-"""trimesh's geometry as a ``Model``: STL, OFF and what trimesh created, in bigtri's conventions."""
+"""trimesh's geometry as a ``Model``, in bigtri's conventions: what trimesh created, or loaded of formats that bigtri does not."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,26 +11,6 @@ from numpy.typing import NDArray
 
 from ...reference.shading import decode_table
 from .model import Mesh, Model, ModelError, Paint
-
-
-def read(path: Path) -> Model:
-    """A file of any format that trimesh reads.
-
-    Raises:
-        ModelError: trimesh cannot read it, or gives what cannot be drawn.
-        ImportError: trimesh is not installed.
-    """
-    try:
-        import trimesh
-    except ImportError as error:
-        raise ImportError("bigtri.load_scene: reading models needs trimesh: pip install trimesh pillow") from error
-    with asking_trimesh():
-        # Processing would merge vertices that differ in texture coordinates or normals.
-        loaded = trimesh.load_scene(str(path), process=False)
-    model = model_of(loaded, linear_colors=False)
-    if path.suffix.lower() == ".obj":
-        _note_missing_materials(path, model)
-    return model
 
 
 def model_of(loaded: Any, linear_colors: bool) -> Model:
@@ -51,14 +29,6 @@ def model_of(loaded: Any, linear_colors: bool) -> Model:
             nodes = [(str(name), np.asarray(matrix, np.float64), loaded.geometry[name]) for matrix, name in placed]
         meshes = [node for node in nodes if isinstance(node[2], trimesh.Trimesh) and len(node[2].faces)]
         return Model([_read(name, transform, mesh, linear_colors) for name, transform, mesh in meshes])
-
-
-def _note_missing_materials(path: Path, model: Model) -> None:
-    with open(path, errors="replace") as lines:
-        names = [line.split(None, 1)[1].strip() for line in lines if line.startswith("mtllib ") and len(line.split()) > 1]
-    for name in names:
-        if not os.path.isfile(path.parent / name):
-            model.found("missing materials", f"it refers to {name}, which is not beside it: its materials are drawn grey")
 
 
 @contextmanager
@@ -170,7 +140,7 @@ def _paint(name: str, mesh: Any) -> Paint | None:
         codes = np.asarray(factor, np.uint8)[:3]
         _check_shape(name, "the base color", codes, 3)
         base_color = _linear(codes, is_linear)
-    texture = None if image is None else np.asarray(image.convert("RGB"))
+    texture = None if image is None else np.array(image.convert("RGB"))
     _check_shape(name, "the texture", texture, "Ht", "Wt", 3)
     red, green, blue = base_color.tolist()
     return Paint(str(source.name) if source.name else "", (red, green, blue), texture, double_sided=double_sided)

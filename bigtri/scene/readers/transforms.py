@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Vector, affine
-from ..origin import bounds_of
+from ..origin import bounds_of, joined
 
 # Points that are worked on at a time, so that float64 is not needed of all at once.
 _CHUNK = 1 << 16
@@ -33,11 +33,6 @@ def bounds_of_placed(matrix: NDArray[np.float64], points: NDArray[Any]) -> NDArr
     """float64 [2, 3]: the lowest and the highest corner of points [V, 3] by a matrix [4, 4], None where none is finite."""
     boxes = [bounds_of(placed(matrix, points[chunk])) for chunk in _chunks(len(points))]
     return joined([box for box in boxes if box is not None])
-
-
-def joined(boxes: list[NDArray[np.float64]]) -> NDArray[np.float64] | None:
-    """float64 [2, 3]: what holds all boxes [2, 3]; None without any."""
-    return np.stack([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]]) if boxes else None
 
 
 def turned(matrix: NDArray[np.float64], normals: NDArray[Any]) -> NDArray[np.float32]:
