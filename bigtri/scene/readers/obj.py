@@ -29,6 +29,7 @@ class _Vertices(NamedTuple):
     normals: NDArray[np.float64]  # [*, 3]
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def read(path: Path) -> Model:
     """The faces of an OBJ file: one mesh for each material, in the order in which the file first uses them.
 

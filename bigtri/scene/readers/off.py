@@ -26,6 +26,7 @@ class _Rows(NamedTuple):
     lengths: NDArray[np.int64]  # [lines], how many it has
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def read(path: Path) -> Model:
     """The faces of an OFF file.
 
@@ -79,8 +80,9 @@ def _header(lines: list[bytes]) -> tuple[bool, bool]:
     """Whether vertices have texture coordinates, and normals. Takes the keyword, which may be missing, off the lines."""
     match = re.match(rb"(ST)?C?(N)?(4)?(n)?(?:OFF|off)(?![A-Za-z])\s*(.*)", lines[0]) if lines else None
     if match is None:
-        if not lines or not re.match(rb"\d", lines[0]):
-            raise ModelError(f"an OFF file must begin with OFF, got {lines[0][:16] if lines else b''!r}")
+        if not lines or not re.match(rb"\d+\s+\d", lines[0]):
+            got = lines[0][:16].decode("latin-1") if lines else ""
+            raise ModelError(f"an OFF file must begin with OFF, got {got!r}")
         return False, False
     uvs, normals, homogeneous, dimensions, rest = match.groups()
     if homogeneous or dimensions or rest.upper().startswith(b"BINARY"):
@@ -123,7 +125,7 @@ def _colors(model: Model, rows: _Rows, at: Any, count: NDArray[np.int64]) -> NDA
     colored = (count == 3) | (count == 4)
     if not colored.any():
         if (count == 1).any():
-            model.found("colour maps", "colours are indices into a colour map, which is not read: they are drawn grey")
+            model.found("color maps", "colours are indices into a colour map, which is not read: they are drawn grey")
         return None
     first = int(np.argmax(colored))
     words = rows.lines[first].split()[int(at[first]) :][:3]

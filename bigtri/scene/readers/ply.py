@@ -24,6 +24,7 @@ _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_b
 _KNOWN = ("vertex", "face", "tristrips", "edge")
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def read(path: Path) -> Model:
     """The faces of a PLY file, or else its triangle strips.
 

@@ -19,6 +19,7 @@ _UNCOLORED = 0.6  # linear, as surfaces without a colour are
 _ASCII = re.compile(rb"(\xef\xbb\xbf)?\s*(solid|facet)\b", re.IGNORECASE)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def read(path: Path) -> Model:
     """The triangles of an STL file: one mesh for each solid. Normals are not read: they are those of the triangles.
 
