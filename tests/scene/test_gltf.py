@@ -218,6 +218,54 @@ def test_blended_joints(load):
     assert scene.normals.tolist() == [[0, 0, 1]] * 4
 
 
+def test_skins_without_inverse_matrices_and_with_many_joints(load):
+    """A vertex may have more than four: the second set has the other half of the weight."""
+    file = gltf_files.skin_at_rest()
+    del file.json["skins"][0]["inverseBindMatrices"]
+    file.json["meshes"][0]["primitives"][0]["attributes"] |= {
+        "JOINTS_1": file.accessor(np.ones((4, 4), np.uint8)),
+        "WEIGHTS_1": file.accessor(np.tile(np.float32((0.5, 0, 0.5, 0)), (4, 1))),
+    }
+    # Half way between the joints at 6 and at -9.
+    assert load(file).bounds.tolist() == [[-2.5, -1, 0], [-0.5, 1, 0]]
+
+
+def test_skinned_primitives_on_shared_accessors_are_stored_once(load):
+    file = gltf_files.skin_at_rest()
+    primitives = file.json["meshes"][0]["primitives"]
+    primitives[0]["attributes"]["NORMAL"] = file.accessor(np.tile(np.float32((0, 0, 1)), (4, 1)))
+    primitives.append(primitives[0])
+    scene = load(file)
+    assert len(scene.positions) == 4 and len(scene.triangles) == 4
+
+
+def test_diffuse_colors_of_an_older_extension(load):
+    file = textured_quad()
+    older = {"diffuseFactor": [0.5, 1, 1, 1], "diffuseTexture": {"index": 0}}
+    file.json["materials"] = [{"extensions": {"KHR_materials_pbrSpecularGlossiness": older}}]
+    (material,) = load(file, said=["KHR_materials_pbrSpecularGlossiness"]).materials
+    assert material.base_color == (0.5, 1, 1) and np.array_equal(material.texture, quarters())
+
+
+def test_morphed_texture_coordinates(load):
+    file = textured_quad()
+    primitive = file.json["meshes"][0]["primitives"][0]
+    primitive["targets"] = [{"TEXCOORD_0": file.accessor(np.tile(np.float32((0.5, 0)), (4, 1)))}]
+    file.json["meshes"][0]["weights"] = [1]
+    assert quarter_colors(load(file)) == [GREEN, RED, WHITE, BLUE]
+
+
+def test_an_emissive_texture_alone(load):
+    """Then the mesh has the texture coordinates that this one asks for."""
+    file = textured_quad()
+    file.json["materials"] = [{"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0, "texCoord": 1}}]
+    file.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_1"] = file.accessor(QUAD_UVS[::-1])
+    scene = load(file, said=["emits light"])
+    (material,) = scene.materials
+    assert np.array_equal(material.emissive_texture, quarters()) and material.texture is None
+    assert scene.uvs.tolist() == [[0, 1], [1, 1], [1, 0], [0, 0]]
+
+
 def test_weights_that_add_up_to_nothing(load):
     file = gltf_files.skin_at_rest()
     where = file.json["accessors"][file.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"]]
@@ -414,6 +462,14 @@ def test_images_and_buffers_within_the_file(load):
     assert load(file).bounds.tolist() == SQUARE
 
 
+def test_a_file_uri(tmp_path):
+    folder = tmp_path / "a b"
+    folder.mkdir()
+    (folder / "q4.png").write_bytes(encoded(quarters()))
+    uri = (folder / "q4.png").as_uri()
+    assert "%20" in uri and quarter_colors(load_scene(image_file(uri).write(tmp_path / "file.gltf"))) == [RED, GREEN, BLUE, WHITE]
+
+
 def test_a_buffer_beside_the_file(tmp_path):
     file = quad()
     (tmp_path / "a b.bin").write_bytes(bytes(file.data))
@@ -465,6 +521,27 @@ def test_draco(load, monkeypatch):
     assert (scene.colors == np.array([1, 0, np.float32(51) / np.float32(255)], np.float32)).all()
 
 
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"POSITION": 3}, "attributes.POSITION must be an attribute of the compressed mesh, got 3"),
+        ({"POSITION": 9}, "attributes.POSITION must be VEC3, got 4 components"),
+    ],
+)
+def test_draco_with_other_attributes(tmp_path, monkeypatch, changes, text):
+    monkeypatch.setitem(sys.modules, "DracoPy", FakeDraco("DracoPy"))
+    file = gltf_files.compressed_by_draco()
+    primitive = file.json["meshes"][0]["primitives"][0]
+    primitive["extensions"]["KHR_draco_mesh_compression"]["attributes"] |= changes
+    assert text in error_of(file, tmp_path)
+
+
+def test_draco_that_is_broken(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "DracoPy", types.SimpleNamespace(decode=lambda data: None))
+    text = "extensions.KHR_draco_mesh_compression cannot be decoded by DracoPy: 'NoneType' object has no attribute 'faces'"
+    assert error_of(gltf_files.compressed_by_draco(), tmp_path).endswith(text)
+
+
 def test_draco_without_its_package(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "DracoPy", None)
     text = error_of(gltf_files.compressed_by_draco(), tmp_path)
@@ -512,6 +589,7 @@ def with_material(**settings):
         (with_material(metallicFactor=0.5), "is metallic"),
         (with_material(extensions={"KHR_materials_unlit": {}}), "without lights (KHR_materials_unlit)"),
         (with_material(extensions={"KHR_materials_clearcoat": {}}), "a material has KHR_materials_clearcoat"),
+        (with_material(extensions={"KHR_materials_pbrSpecularGlossiness": {}}), "its diffuse colour is drawn, its reflections"),
         (change("animations", [{}]), "an animation is not played"),
         (change("extensionsUsed", ["VENDOR_fur"]), "the extension VENDOR_fur is not read"),
         (change("extensions", {"KHR_materials_variants": {"variants": []}}), "other materials to choose from"),
@@ -614,6 +692,14 @@ def test_strict_is_true_or_false():
             change("nodes.0.extensions", {"KHR_lights_punctual": {}}),
             "KHR_lights_punctual.light must be an index into the 0 lights",
         ),
+        (
+            change("nodes.0.extensions", {"EXT_mesh_gpu_instancing": {"attributes": {"SCALE": 1}}}),
+            "must be VEC3 here, got 'SCALAR'",
+        ),
+        (change("nodes.0.weights", ["x"]), 'nodes[0].weights must be a list of finite numbers, got ["x"]'),
+        (change("nodes.0.weights", [10**400]), "nodes[0].weights must be a list of finite numbers"),
+        (change("nodes.0.children", 1), "nodes[0].children must be a list of indices, got 1"),
+        (change("extensionsRequired", "x"), 'extensionsRequired must be a list of texts, got "x"'),
         (with_material(alphaMode="GLASS"), "materials[0].alphaMode must be OPAQUE, MASK or BLEND, got 'GLASS'"),
         (with_material(baseColorTexture={"index": 3}), "baseColorTexture.index must be an index into the 0 textures, got 3"),
         (with_material(doubleSided="yes"), 'materials[0].doubleSided must be true or false, got "yes"'),
@@ -621,6 +707,62 @@ def test_strict_is_true_or_false():
 )
 def test_errors(tmp_path, make, text):
     assert text in error_of(make(quad()), tmp_path)
+
+
+def test_instances_of_other_numbers(tmp_path):
+    file = gltf_files.instanced()
+    attributes = file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]
+    attributes["SCALE"] = attributes["TRANSLATION"] = 0
+    assert error_of(file, tmp_path).endswith("attributes must have as many of each, got 3, 4")
+
+
+def test_instances_of_nothing(load):
+    file = quad(node={"extensions": {"EXT_mesh_gpu_instancing": {}}})
+    assert load(file).bounds.tolist() == SQUARE
+
+
+def test_sparse_indices_beyond_the_elements(tmp_path):
+    file = gltf_files.partly_sparse_accessor()
+    file.json["accessors"][0]["sparse"]["indices"]["byteOffset"] = 0
+    file.data[-4:] = (4).to_bytes(4, "little")
+    assert error_of(file, tmp_path) == "accessors[0].sparse.indices must index the 4 elements, got 4"
+
+
+def test_a_buffer_without_data(tmp_path):
+    file = quad()
+    file.json["buffers"] = [{"byteLength": 60}]
+    assert error_of(file, tmp_path, ".gltf").startswith("buffers[0] must have a uri or be the first one of a GLB")
+
+
+def test_targets_of_another_length(tmp_path):
+    file = gltf_files.morphed()
+    file.json["meshes"][0]["primitives"][0]["targets"][0]["POSITION"] = file.accessor(QUAD[:3])
+    assert error_of(file, tmp_path).endswith("targets[0].POSITION must have 4 elements, got 3")
+
+
+def test_skins_that_do_not_fit(tmp_path):
+    file = gltf_files.skin_at_rest()
+    file.json["accessors"][file.json["skins"][0]["inverseBindMatrices"]]["count"] = 1
+    assert error_of(file, tmp_path) == "skins[0].inverseBindMatrices must have one for each of 2 joints, got 1"
+    file = gltf_files.skin_at_rest()
+    file.json["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = file.accessor(np.zeros((3, 4), np.uint8))
+    assert "JOINTS_0 must have as many elements as POSITION, 4, got 3" in error_of(file, tmp_path)
+    file = gltf_files.skin_at_rest()
+    file.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = file.accessor(np.zeros((3, 4), np.float32))
+    assert error_of(file, tmp_path).endswith("must have as many joints as weights, got [4, 4] and [3, 4]")
+
+
+def test_primitives_without_positions_are_said(load):
+    file = quad()
+    file.node({"attributes": {}}, file.primitive({"POSITION": QUAD[:2]}))
+    said = ["meshes[1].primitives[0] has no POSITION: it is not drawn", "the last 2 are not drawn"]
+    assert load(file, said=said).bounds.tolist() == SQUARE
+
+
+def test_whole_numbers_may_be_written_as_floats(load):
+    file = quad()
+    file.json["accessors"][0]["count"] = 4.0
+    assert load(file).bounds.tolist() == SQUARE
 
 
 def test_a_node_has_one_parent(tmp_path):
