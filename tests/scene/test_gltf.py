@@ -563,7 +563,10 @@ def change(path, value):
         place = file.json
         for key in parents:
             place = place[key]
-        place[last] = value
+        if isinstance(place, list):
+            place[last : last + 1] = [value]
+        else:
+            place[last] = value
         return file
 
     return changed
@@ -590,6 +593,7 @@ def with_material(**settings):
         (with_material(extensions={"KHR_materials_unlit": {}}), "without lights (KHR_materials_unlit)"),
         (with_material(extensions={"KHR_materials_clearcoat": {}}), "a material has KHR_materials_clearcoat"),
         (with_material(extensions={"KHR_materials_pbrSpecularGlossiness": {}}), "its diffuse colour is drawn, its reflections"),
+        (change("meshes.1", {"primitives": []}), "meshes[1] is placed by no node: it is not drawn"),
         (change("animations", [{}]), "an animation is not played"),
         (change("extensionsUsed", ["VENDOR_fur"]), "the extension VENDOR_fur is not read"),
         (change("extensions", {"KHR_materials_variants": {"variants": []}}), "other materials to choose from"),

@@ -77,10 +77,14 @@ class _Reader:
 
     def note_what_is_left_out(self) -> None:
         """Findings of what belongs to no node."""
-        found = self._document.model.found
-        for _ in self._document.all("animations"):
+        document, found = self._document, self._document.model.found
+        for _ in document.all("animations"):
             found("animations", "an animation is not played: the model is drawn at rest")
-        if self._document.root.extension("KHR_materials_variants") is not None:
+        with_a_place = {document.index(node, "mesh", "meshes") for node in document.all("nodes") if "mesh" in node}
+        for i in range(len(document.all("meshes"))):
+            if i not in with_a_place:
+                found("meshes without a place", f"meshes[{i}] is placed by no node: it is not drawn")
+        if document.root.extension("KHR_materials_variants") is not None:
             found("material variants", "meshes have other materials to choose from: the default ones are drawn")
 
 
