@@ -18,8 +18,8 @@ from .textures import Texture, Textures
 _NO_TEXTURE = Texture(None, "repeat", "bilinear", 0, None)
 # Maps that are no colour of the surface under the lights.
 _OTHER_MAPS = {
-    "normalTexture": ("normal maps", "a material has a normal map: its surface is lit by the mesh's own normals"),
-    "occlusionTexture": ("occlusion maps", "a material has a map of ambient occlusion: it is left out"),
+    "normalTexture": ("normal maps", "a material has a normal map (normalTexture): its surface is lit by the mesh's own normals"),
+    "occlusionTexture": ("occlusion maps", "a material has a map of ambient occlusion (occlusionTexture): it is left out"),
 }
 
 
@@ -102,16 +102,19 @@ class Materials:
         elif mode != "OPAQUE":
             raise ModelError(f"{material.at('alphaMode')} must be OPAQUE, MASK or BLEND, got {mode!r}")
         if any(material.numbers("emissiveFactor", (0.0, 0.0, 0.0))):
-            found("emission", "a material emits light: it is drawn without it")
+            found("emission", "a material emits light (emissiveFactor): it is drawn without it")
         for key, (kind, text) in _OTHER_MAPS.items():
             if key in material:
                 found(kind, text)
         metallic = material.object("pbrMetallicRoughness")
         if "metallicRoughnessTexture" in metallic:
-            found("metallic-roughness maps", "a material has a map of metalness and roughness: it is drawn as if it were rough")
+            found(
+                "metallic-roughness maps",
+                "a material has a map of metalness and roughness (metallicRoughnessTexture): it is drawn rough",
+            )
         # 1 is what a file has that says nothing; then it is not what anybody asked for.
         elif metallic.number("metallicFactor", 0.0) > 0:
-            found("metal", "a material is metallic: it is drawn as if it were rough and no metal")
+            found("metal", "a material is metallic (metallicFactor): it is drawn as if it were rough and no metal")
         for name in material.object("extensions"):
             if name == UNLIT:
                 found(name, f"a material is to be drawn without lights ({name}): it is lit as the others are")
