@@ -20,7 +20,9 @@ namespace bigtri {
        .scan_rows = stage_scan_rows,                                                        \
        .depth = stage_depth},                                                               \
       {.interpolate_row = stage_interpolate_row,                                            \
-       .sample = stage_sample,                                                              \
+       .sample = stage_sample<const float*>,                                                \
+       .sample_codes8 = stage_sample<CodedTexels<uint8_t>>,                                 \
+       .sample_codes16 = stage_sample<CodedTexels<uint16_t>>,                               \
        .lambert = stage_lambert,                                                            \
        .encode_srgb = stage_encode_srgb}};                                                  \
   }
