@@ -148,7 +148,8 @@ class Drawing {
       triangles += range.end - range.first;
     }
     const int64_t size =
-        std::min(most_records_, std::clamp<int64_t>(triangles / (8 * parallel_.threads), 64, kMaxChunk));
+        std::min(most_records_,
+                 std::clamp<int64_t>(std::min(triangles, most_records_) / (8 * parallel_.threads), 64, kMaxChunk));
     std::vector<Chunk> chunks;
     for (int64_t view = 0; view < views; ++view) {
       const Range range = range_of(frame_, first + view);
@@ -162,13 +163,20 @@ class Drawing {
         chunks[c].slots = slots_needed(job_of(chunks[c].view), chunks[c].begin, chunks[c].end);
       });
 
-    // One batch: the chunks [begin, end).
+    std::vector<int64_t> view_slots(views, 0);
+    for (const Chunk& k : chunks) view_slots[k.view] += k.slots;
+
+    // One batch: the chunks [begin, end). Another view joins it only as a whole, so that a bin is not begun for a part of its
+    // triangles; a view with more slots than a batch takes several.
     for (size_t begin = 0; begin < chunks.size();) {
       size_t end = begin;
       int64_t slots = 0;
       const auto joins = [&](const Chunk& next) {
         const bool another = next.view != chunks[end - 1].view;
-        return slots + next.slots <= most_records_ && !(another && slots >= kRecordsToJoin * parallel_.threads);
+        if (!another) return slots + next.slots <= most_records_;
+        const int64_t together = slots + view_slots[next.view], some = next.view - chunks[begin].view;
+        return together <= most_records_ &&
+               (some < parallel_.threads || together <= kRecordsToJoin * parallel_.threads);
       };
       while (end < chunks.size() && (end == begin || joins(chunks[end]))) {
         chunks[end].slot = slots;
@@ -298,17 +306,11 @@ class Drawing {
         if (b - runs.back() == kMostEmpty || !empty(b, 1) || !empty(b - 1, 1)) runs.push_back(b);
     }
     runs.push_back(end);
-    // One task per worker, not per run, since each needs scratch memory of its own. Workers take runs one by one: a
-    // worker that got a crowded bin takes fewer of them.
-    std::atomic<int64_t> next{0};
-    const int64_t count = (int64_t)runs.size() - 1, workers = std::min<int64_t>(parallel_.threads, count);
-    if (workers > 0)
-      parallel_(workers, [&](int64_t worker) {
-        char* scratch = scratch_.get() + worker * kScratchBytes;
-        scratch += -(uintptr_t)scratch & 63;  // up to the next multiple of 64 bytes
-        for (int64_t i; (i = next.fetch_add(1, std::memory_order_relaxed)) < count;)
-          kernels_.raster_bins(job_, runs[i], (int)(runs[i + 1] - runs[i]), scratch);
-      });
+    parallel_.with_slots((int64_t)runs.size() - 1, [&](int64_t i, int64_t slot) {
+      char* scratch = scratch_.get() + slot * kScratchBytes;
+      scratch += -(uintptr_t)scratch & 63;  // up to the next multiple of 64 bytes
+      kernels_.raster_bins(job_, runs[i], (int)(runs[i + 1] - runs[i]), scratch);
+    });
     job_.begun_views = std::max(job_.begun_views, end_view);
   }
 
