@@ -1,4 +1,4 @@
-"""How evenly threads are loaded, where there may be more of them than this machine has cores: the busiest one's work over the mean.
+"""How evenly threads are loaded, also more of them than this machine has cores: the busiest one's work over the mean.
 
 Batches are views from a circle around a body (R4k, R16k, ...); one view of any scene is the benchmark's. Every piece of work is
 timed on one thread, and counts for the thread that would have taken it (`bigtri.study.clock.thread_load`). The images drawn that
@@ -11,6 +11,7 @@ way are compared with those of two threads.
 from __future__ import annotations
 
 import argparse
+from functools import partial
 
 import torch
 
@@ -51,12 +52,9 @@ def main() -> None:
             out = torch.empty((*positions.shape[:-2], height, width), dtype=torch.int64)
             with setting(2):
                 expected = rasterize(positions, triangles, (height, width), depth=False).packed
+            draw = partial(rasterize, positions, triangles, (height, width), out=out, depth=False)
             for threads in arguments.threads:
-                load = thread_load(
-                    lambda p=positions, t=triangles, o=out: rasterize(p, t, o.shape[-2:], out=o, depth=False),
-                    threads,
-                    arguments.calls,
-                )
+                load = thread_load(draw, threads, arguments.calls)
                 if not torch.equal(out, torch.as_tensor(expected)):
                     raise SystemExit(f"{name}: {threads} threads draw another image than two")
                 print(

@@ -39,8 +39,9 @@ constexpr Parameter kParameters[] = {
 };
 enum { kRecords, kCandidates };
 
-// Once a batch has this many slots per thread, it takes no chunk of another view: 1.5 MB of records, which the cache of
-// one core holds. With larger batches, setting up and drawing many small views takes 10 % longer.
+// A batch of several views has a view for each thread, and more of them up to this many slots per thread: 1.5 MB of
+// records, which the cache of one core holds. With larger batches, setting up and drawing many small views takes 10 %
+// longer.
 constexpr int64_t kRecordsToJoin = 1 << 14;
 // Vertices of a group, 16 bytes each. A group has one view at least, however many vertices that has.
 constexpr int64_t kGroupVertices = 1 << 20;
@@ -50,10 +51,10 @@ constexpr int64_t kPackedInCache = 1 << 19;
 // The same for a depth image of 16 MiB. At 1920x1080 px ordinary stores take 0.15 ms less,
 // since the image stays in the last-level cache; at 3840x2160 px streaming takes 2 ms less.
 constexpr int64_t kDepthInCache = 1 << 22;
-// The same for whole rows of background, where ordinary stores read nothing: 64 MiB. At 1920x1080 px they take 0.1 to 0.2
-// ms instead of 0.6; at 3840x2160 px, of which a cache of 32 MB keeps half from one image to the next, a fifth less on
-// two threads and as much on one; at 7680x4320 px a twentieth more on one.
-constexpr int64_t kRowsInCache = 1 << 23;
+// Pixels of all views whose background is not streamed where it fills whole rows, 16 MiB of packed: half of a last-level
+// cache, in which they stay from one image to the next. 1920x1080 px of background take 0.1 to 0.2 ms instead of 0.6; of
+// 3840x2160 px a quarter is stored so, and all take a seventh less on two threads. With more, one thread is slower.
+constexpr int64_t kRowsInCache = 1 << 21;
 // Bins without entries that are stored together, row by row: 4 KiB of packed in a row, which is a page of memory. One
 // by one they would visit each page eight times.
 constexpr int64_t kMostEmpty = 8;
@@ -103,7 +104,7 @@ class Drawing {
     const int64_t pixels = (int64_t)frame.views * frame.view.width * frame.view.height;
     job_.streams_packed = pixels > kPackedInCache;
     job_.streams_depth = pixels > kDepthInCache;
-    job_.streams_rows = pixels > kRowsInCache;
+    job_.rows_in_cache = kRowsInCache;
     job_.bins_x = bin_columns(frame.view);
     job_.bins = job_.bins_x * bin_rows(frame.view);
   }
@@ -166,17 +167,16 @@ class Drawing {
     std::vector<int64_t> view_slots(views, 0);
     for (const Chunk& k : chunks) view_slots[k.view] += k.slots;
 
-    // One batch: the chunks [begin, end). Another view joins it only as a whole, so that a bin is not begun for a part of its
-    // triangles; a view with more slots than a batch takes several.
+    // One batch: the chunks [begin, end). Another view joins it only as a whole, so that no bin is drawn with a part of its
+    // triangles; a view with more slots than a batch may have takes several.
     for (size_t begin = 0; begin < chunks.size();) {
       size_t end = begin;
       int64_t slots = 0;
       const auto joins = [&](const Chunk& next) {
-        const bool another = next.view != chunks[end - 1].view;
-        if (!another) return slots + next.slots <= most_records_;
-        const int64_t together = slots + view_slots[next.view], some = next.view - chunks[begin].view;
+        if (next.view == chunks[end - 1].view) return slots + next.slots <= most_records_;
+        const int64_t together = slots + view_slots[next.view], joined = next.view - chunks[begin].view;
         return together <= most_records_ &&
-               (some < parallel_.threads || together <= kRecordsToJoin * parallel_.threads);
+               (joined < parallel_.threads || together <= kRecordsToJoin * parallel_.threads);
       };
       while (end < chunks.size() && (end == begin || joins(chunks[end]))) {
         chunks[end].slot = slots;
@@ -306,10 +306,15 @@ class Drawing {
         if (b - runs.back() == kMostEmpty || !empty(b, 1) || !empty(b - 1, 1)) runs.push_back(b);
     }
     runs.push_back(end);
-    parallel_.with_slots((int64_t)runs.size() - 1, [&](int64_t i, int64_t slot) {
+    // Runs that follow each other lie in different parts of the image, one for each thread. Where its memory is new, the
+    // system clears a page of 2 MiB when it is first touched, once for each thread that touches it meanwhile.
+    const int64_t count = (int64_t)runs.size() - 1, parts = parallel_.threads;
+    parallel_.with_slots(parts * ((count + parts - 1) / parts), [&](int64_t i, int64_t slot) {
+      const int64_t part = i % parts, run = count * part / parts + i / parts;
+      if (run >= count * (part + 1) / parts) return;
       char* scratch = scratch_.get() + slot * kScratchBytes;
       scratch += -(uintptr_t)scratch & 63;  // up to the next multiple of 64 bytes
-      kernels_.raster_bins(job_, runs[i], (int)(runs[i + 1] - runs[i]), scratch);
+      kernels_.raster_bins(job_, runs[run], (int)(runs[run + 1] - runs[run]), scratch);
     });
     job_.begun_views = std::max(job_.begun_views, end_view);
   }

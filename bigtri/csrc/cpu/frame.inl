@@ -81,8 +81,9 @@ BIGTRI_INLINE void fill(T* to, int n, T value, bool streams) {
 // that is one long run of stores, of which the processor knows by itself that it need not read what it overwrites.
 void store_background(const RasterJob& job, const Patch& p) {
   if (p.width == job.view.width) {
-    fill(job.packed + p.at, p.width * p.height, kBackground, job.streams_rows);
-    if (job.depth) fill(job.depth + p.at, p.width * p.height, depth_of(kBackground), job.streams_rows);
+    const bool streams = p.at >= job.rows_in_cache;
+    fill(job.packed + p.at, p.width * p.height, kBackground, streams);
+    if (job.depth) fill(job.depth + p.at, p.width * p.height, depth_of(kBackground), streams);
     return;
   }
   for (int j = 0; j < p.height; ++j) {
