@@ -100,26 +100,3 @@ def _is_plain(value: object) -> bool:
 # negates, no zeros that lie nowhere, nothing inside torch.vmap, torch.func or functionalization. One question to torch instead
 # of six. Without one of the names no tensor is known to be plain, and all six are asked.
 is_plain = _is_plain if _dispatch_keys and _PLAIN_KEYS else _never
-
-
-def _current_cuda_device() -> int:
-    return torch.cuda.current_device()
-
-
-_empty_cuda = _found(torch, "_C", "_dynamo", "guards", "_empty_strided_cuda", otherwise=None)
-_current_device = _found(torch, "_C", "_cuda_getDevice", otherwise=_current_cuda_device)
-
-
-def empty_beside(like: torch.Tensor, shape: tuple[int, ...], dtype: torch.dtype) -> torch.Tensor:
-    """``like.new_empty(shape, dtype=dtype)`` for a tensor of ``is_plain``; on CUDA in less than half of its time.
-
-    There it is what the code that torch's own compiler makes calls: it asks no dispatcher, and takes the current device.
-    """
-    if not (like.is_cuda and _empty_cuda and like.get_device() == _current_device()):
-        # Not new_empty(shape): torch takes 0.5 us of 1.5 to read a tuple there.
-        return like.new_empty(*shape, dtype=dtype) if shape else like.new_empty_strided((), (), dtype=dtype)
-    strides, step = [1] * len(shape), 1
-    for k in range(len(shape) - 1, -1, -1):
-        strides[k] = step
-        step *= shape[k]
-    return _empty_cuda(tuple(shape), tuple(strides), dtype)  # it takes no torch.Size
