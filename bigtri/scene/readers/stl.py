@@ -68,10 +68,11 @@ def _colors(model: Model, header: bytes, attribute: NDArray[np.uint16]) -> NDArr
 
 
 def _read_ascii(model: Model, name: str, data: bytes) -> None:
-    solids = [match.span() for match in re.finditer(rb"^[ \t]*solid\b[^\r\n]*", data, re.IGNORECASE | re.MULTILINE)]
-    solids = solids or [(0, 0)]
+    text = data.lower()
+    # \b keeps out endsolid, the line what follows in a name.
+    solids = [match.span() for match in re.finditer(rb"\bsolid\b[^\r\n]*", text)] or [(0, 0)]
     for (begin, after_name), end in zip(solids, [begin for begin, _ in solids[1:]] + [len(data)], strict=True):
-        corners, facets = _ascii_corners(data[after_name:end].lower().partition(b"endsolid")[0])
+        corners, facets = _ascii_corners(text[after_name:end].partition(b"endsolid")[0])
         if len(corners) != 3 * facets:
             complete = min(len(corners) // 3, facets)
             model.found("truncated file", f"{facets} triangles begin, {complete} are complete and drawn")
@@ -82,16 +83,15 @@ def _read_ascii(model: Model, name: str, data: bytes) -> None:
 
 def _ascii_corners(text: bytes) -> tuple[NDArray[np.float64], int]:
     """(float64 [C, 3], the vertices of a solid in lower case; how many triangles begin in it)."""
-    facets = len(re.findall(rb"\bfacet\b", text))
-    rest = text
-    for words in (b"endfacet", b"endloop", b"facet", b"normal", b"outer", b"loop", b"vertex"):
-        rest = rest.replace(words, b"")
+    facets = text.count(b"facet") - text.count(b"endfacet")
+    loops = [part.partition(b"endloop")[0] for part in text.split(b"outer loop")[1:]]
     try:
-        values = numbers(rest, np.float64, "")
-        if len(values) == 12 * facets:
-            return values.reshape(-1, 4, 3)[:, 1:].reshape(-1, 3), facets
-    except ModelError:  # a normal may be anything
+        values = numbers(b" ".join(loops).replace(b"vertex", b""), np.float64, "")
+        if len(values) == 9 * facets:
+            return values.reshape(-1, 3), facets
+    except ModelError:
         pass
+    # Spaced in another way, or incomplete.
     vertices = re.findall(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", text)
     corners = numbers(b" ".join(map(b" ".join, vertices)), np.float64, "the coordinates of vertices")
     return corners.reshape(-1, 3), facets
