@@ -43,12 +43,14 @@ def _contents(model: Model) -> list[tuple[str, str]]:
         if any(getattr(mesh, key) is not None for mesh in meshes)
     ]
     sizes = [f"{texture.shape[1]}x{texture.shape[0]} {texture.dtype}" for texture in images.values()]
+    carried = {"points and lines": len(model.strokes), "cameras": len(model.cameras), "lamps": len(model.lamps)}
     return [
         ("meshes", f"{len(meshes)}, placed {sum(len(mesh.transforms) for mesh in meshes)} times"),
         ("triangles", str(sum(len(mesh.triangles) for mesh in meshes))),
         ("vertices", f"{sum(arrays.values())}, with {', '.join(attributes) or 'positions alone'}"),
         ("materials", str(len(paints))),
         ("images", f"{len(images)}{': ' if sizes else ''}{', '.join(sizes)}"),
+        *((name, str(count)) for name, count in carried.items() if count),
     ]
 
 

@@ -203,8 +203,11 @@ def _edges_cancel(place: NDArray[np.int32], triangles: NDArray[np.int32]) -> boo
     # Sorting is needed only to be certain that they do.
     if hashed[0] % 2**64 != hashed[1] % 2**64:
         return False
-    with ThreadPoolExecutor(2) as pool:
-        list(pool.map(np.ndarray.sort, keys))
+    if count[0] > _CHUNK:
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(np.ndarray.sort, keys))
+    else:  # starting threads takes longer
+        keys.sort(axis=1)
     return np.array_equal(keys[0], keys[1])
 
 

@@ -11,30 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..choices import CULLS
-from ..ops import arguments
 from ..ops.texture import FILTERS, WRAPS
-from .camera import Vector, vector
+from .camera import Camera, Vector, number, vector
+from .carried import Lamp, Marks
+from .checks import check_array, check_choice
 from .origin import WORLD_ORIGIN, bounds_of, relative
 
-
-# Here, because Scene's default material is made when this file is read.
-def _choice(owner: str, name: str, value: Any, allowed: tuple[str, ...]) -> None:
-    if not isinstance(value, str):
-        raise TypeError(f"bigtri.{owner}: {name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
-    arguments.check_choice(owner, name, value, allowed)
-
-
-def _checked(owner: str, name: str, value: Any, dtypes: tuple[type[np.generic], ...], *shape: int | str) -> NDArray[Any]:
-    """``value``, or a copy of it where torch could not share its memory: contiguous and writable."""
-    *others, last = (str(np.dtype(dtype)) for dtype in dtypes)
-    wanted = f"{', '.join(others)}{' or ' * bool(others)}{last} [{', '.join(map(str, shape))}]"
-    if not isinstance(value, np.ndarray) or value.dtype not in dtypes:
-        got = f"{value.dtype} {list(value.shape)}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise TypeError(f"bigtri.{owner}: {name} must be a NumPy array {wanted}, got {got}")
-    fits = value.ndim == len(shape) and all(isinstance(s, str) or s == n for s, n in zip(shape, value.shape, strict=True))
-    if not fits:
-        raise ValueError(f"bigtri.{owner}: {name} must be {wanted}, got {list(value.shape)}")
-    return np.require(value, requirements=("C", "A", "W"))
+ALPHA_MODES = ("opaque", "mask", "blend")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +33,12 @@ class Material:
         vertex_colors: whether the scene's vertex colours apply.
         smooth: whether normals are interpolated from the vertices; otherwise each triangle is flat.
         two_sided: whether a back face is lit as if its normal pointed at the viewer. Open surfaces need it.
+        alpha_mode: "opaque", "mask" or "blend": what alpha is for. This and all below is carried for files, and not drawn yet.
+        alpha: of the whole surface. That of a texture is not kept.
+        alpha_cutoff: below which alpha the surface is not there, if it is masked.
+        unlit: whether its colour is shown without lights.
+        emissive: linear red, green, blue that it emits.
+        emissive_texture: as ``texture``, times ``emissive``; or None.
 
     Raises:
         TypeError, ValueError: an attribute that is not as said above; the text names it.
@@ -63,27 +52,43 @@ class Material:
     vertex_colors: bool = False
     smooth: bool = True
     two_sided: bool = True
+    alpha_mode: str = "opaque"
+    alpha: float = 1.0
+    alpha_cutoff: float = 0.5
+    unlit: bool = False
+    emissive: Vector = (0.0, 0.0, 0.0)
+    emissive_texture: NDArray[np.float32] | NDArray[np.uint8] | NDArray[np.uint16] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise TypeError(f"bigtri.Material: name must be text, got {self.name!r}")
         object.__setattr__(self, "base_color", vector("Material", "base_color", self.base_color))
-        if self.texture is not None:
-            shape = self.texture.shape if isinstance(self.texture, np.ndarray) else ()
-            if len(shape) == 3 and shape[0] in (1, 3, 4) and shape[2] not in (1, 3, 4):
-                raise ValueError(
-                    f"bigtri.Material: texture must be [Ht, Wt, 3], got {list(shape)}, "
-                    "which looks like [C, Ht, Wt]: pass texture.transpose(1, 2, 0)"
-                )
-            texture = _checked("Material", "texture", self.texture, (np.float32, np.uint8, np.uint16), "Ht", "Wt", 3)
-            if texture.size == 0:
-                raise ValueError(f"bigtri.Material: texture must have at least one texel, got {list(texture.shape)}")
-            object.__setattr__(self, "texture", texture)
-        _choice("Material", "wrap", self.wrap, WRAPS)
-        _choice("Material", "filter", self.filter, FILTERS)
-        for name in ("vertex_colors", "smooth", "two_sided"):
+        self._keep_texture("texture")
+        self._keep_texture("emissive_texture")
+        check_choice("Material", "wrap", self.wrap, WRAPS)
+        check_choice("Material", "filter", self.filter, FILTERS)
+        check_choice("Material", "alpha_mode", self.alpha_mode, ALPHA_MODES)
+        object.__setattr__(self, "emissive", vector("Material", "emissive", self.emissive))
+        for name in ("alpha", "alpha_cutoff"):
+            object.__setattr__(self, name, number("Material", name, getattr(self, name)))
+        for name in ("vertex_colors", "smooth", "two_sided", "unlit"):
             if not isinstance(getattr(self, name), bool | np.bool_):
                 raise TypeError(f"bigtri.Material: {name} must be True or False, got {getattr(self, name)!r}")
+
+    def _keep_texture(self, name: str) -> None:
+        given = getattr(self, name)
+        if given is None:
+            return
+        shape: tuple[int, ...] = given.shape if isinstance(given, np.ndarray) else ()
+        if len(shape) == 3 and shape[0] in (1, 3, 4) and shape[2] not in (1, 3, 4):
+            raise ValueError(
+                f"bigtri.Material: {name} must be [Ht, Wt, 3], got {list(shape)}, "
+                f"which looks like [C, Ht, Wt]: pass {name}.transpose(1, 2, 0)"
+            )
+        texture = check_array("Material", name, given, (np.float32, np.uint8, np.uint16), "Ht", "Wt", 3)
+        if texture.size == 0:
+            raise ValueError(f"bigtri.Material: {name} must have at least one texel, got {list(texture.shape)}")
+        object.__setattr__(self, name, texture)
 
 
 @dataclass(frozen=True)
@@ -139,6 +144,9 @@ class Scene:
         cull: "none", "back" or "front": which faces are not drawn.
         origin: where in world space positions are counted from, in float64. Cameras and ``bounds`` know nothing of it: it is
             there to keep positions small, since float32 has no millimetres of map coordinates in the millions.
+        marks: points and lines of a file, any number of sets. This and all below is carried, and not drawn yet.
+        cameras: those of a file: ``render`` takes them, but does so only if it is given them.
+        lamps: the lights of a file.
 
     Raises:
         TypeError, ValueError: arrays that do not belong together; the text names the attribute.
@@ -156,6 +164,9 @@ class Scene:
     background: tuple[Vector, Vector] = DEFAULT_BACKGROUND
     cull: str = "none"
     origin: Vector = WORLD_ORIGIN
+    marks: tuple[Marks, ...] = ()
+    cameras: tuple[Camera, ...] = ()
+    lamps: tuple[Lamp, ...] = ()
 
     def __post_init__(self) -> None:
         self._keep_array("positions", np.float32, "V", 3)
@@ -178,11 +189,13 @@ class Scene:
             if faces and not (indices.min() >= 0 and indices.max() < count):
                 got = f"indices from {indices.min()} to {indices.max()}"
                 raise ValueError(f"bigtri.Scene: {name} must index the {count} {of}, got {got}")
-        _choice("Scene", "cull", self.cull, CULLS)
+        check_choice("Scene", "cull", self.cull, CULLS)
         object.__setattr__(self, "origin", vector("Scene", "origin", self.origin))
+        for name, kind in (("marks", Marks), ("cameras", Camera), ("lamps", Lamp)):
+            object.__setattr__(self, name, _all_of(name, getattr(self, name), kind))
 
     def _keep_array(self, name: str, dtype: type[np.generic], *shape: int | str) -> None:
-        object.__setattr__(self, name, _checked("Scene", name, getattr(self, name), (dtype,), *shape))
+        object.__setattr__(self, name, check_array("Scene", name, getattr(self, name), (dtype,), *shape))
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -205,7 +218,8 @@ class Scene:
 
 
 def merge(scenes: Sequence[Scene]) -> Scene:
-    """One scene with the geometry and materials of all; lights, ambient light, background and culling are the first one's.
+    """One scene with the geometry, materials, marks, cameras and lamps of all. Lights, ambient light, background and culling are
+    the first one's.
 
     Where all have the same origin, positions stay as they are. Otherwise they are brought together in float64, and the origin is
     chosen anew, as ``load_scene`` chooses it.
@@ -245,6 +259,9 @@ def merge(scenes: Sequence[Scene]) -> Scene:
         material=np.concatenate(indices),
         materials=tuple(kept),
         origin=origin,
+        marks=tuple(marks.moved(s.origin, origin) for s in scenes for marks in s.marks),
+        cameras=tuple(camera for s in scenes for camera in s.cameras),
+        lamps=tuple(lamp for s in scenes for lamp in s.lamps),
         **joined,
     )
 

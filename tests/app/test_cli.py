@@ -145,10 +145,11 @@ def test_info_of_a_model(tmp_path, capsys):
         "vertices": "4, with positions alone",
         "materials": "1",
         "images": "0",
+        "points and lines": "1",
         "drawn": "2 triangles, 4 vertices",
         "drawn with": "1 materials, 0 with a texture, 1 lit from both sides",
         "drawn from": "-1 -1 0 to 1 1 0 (x y z)",
-        "not drawn, emission": "a material emits light: it is drawn without it (found: 1)",
+        "not drawn, emission": "a material emits light (emissiveFactor): it is drawn without it (found: 1)",
         "not drawn, lines": "lines (primitive mode 1) are not drawn (found: 1)",
     }
 

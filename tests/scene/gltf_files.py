@@ -280,7 +280,7 @@ def instanced():
 def below_a_camera():
     """A node with a camera has a child with a square."""
     file = quad(node={"translation": [0, 0, 1]})
-    file.add("cameras", type="perspective", perspective={"yfov": 0.7, "znear": 0.1})
+    file.add("cameras", type="perspective", perspective={"yfov": np.pi / 4, "znear": 0.5, "zfar": 9})
     file.json["scenes"][0]["nodes"] = [file.add("nodes", camera=0, translation=[2, 0, 0], scale=[2, 2, 2], children=[0])]
     return file
 

@@ -12,6 +12,7 @@ from PIL import Image
 
 import bigtri
 from bigtri import Camera, ModelWarning, load_scene, render
+from bigtri.scene.carried import Lamp
 from bigtri.scene.normals import face_normals
 from bigtri.scene.readers.gltf.accessors import Accessors
 from bigtri.scene.readers.gltf.document import Document
@@ -96,8 +97,76 @@ def test_where_the_corners_are(load, make, bounds):
 
 
 def test_below_a_camera(load):
-    scene = load(gltf_files.below_a_camera(), said=["a camera is not used"])
+    scene = load(gltf_files.below_a_camera(), said=["a camera is in Scene.cameras, but not what the picture is seen from"])
     assert scene.bounds.tolist() == [[0, -2, 2], [4, 2, 2]]
+    assert scene.cameras == (Camera((2, 0, 0), (2, 0, -1), (0, 2, 0), 45, 0.5, 9),)
+
+
+def test_cameras_that_are_left_out(load):
+    file = gltf_files.below_a_camera()
+    file.json["cameras"][0] = {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 1, "zfar": 2}}
+    assert load(file, said=["a camera without perspective is left out"]).cameras == ()
+    file.json["cameras"][0] = {"type": "perspective", "perspective": {"yfov": 4, "znear": 0.1}}
+    assert load(file, said=["cameras[0] is left out: bigtri.Camera: fov_y must be in (0, 180) degrees, got 229"]).cameras == ()
+    file.json["cameras"][0] = {"type": "perspective", "perspective": {"yfov": 1, "znear": 2}}
+    (camera,) = load(file, said=["Scene.cameras"]).cameras
+    assert camera.depth_range == (2, 2e6)
+
+
+def test_lights_are_carried(load):
+    file = quad()
+    spot = {"type": "spot", "color": [1, 0.5, 0], "intensity": 7, "range": 3, "spot": {"outerConeAngle": np.pi / 3}}
+    lights = [spot, {"type": "directional"}, {"type": "lava"}]
+    file.json["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
+    for light in range(3):
+        # Turned by a half about y: it shines along +z.
+        turned = {"rotation": [0, 1, 0, 0], "translation": [0, light, 0]}
+        file.node(extensions={"KHR_lights_punctual": {"light": light}}, **turned)
+    scene = load(file, said=["is in Scene.lamps, but the picture is lit by others (2 times)", "lights[2] is left out: "])
+    assert scene.lamps == (
+        Lamp("spot", (0, 0, 0), (0, 0, 1), (1, 0.5, 0), 7, 3, (0, np.degrees(np.pi / 3))),
+        Lamp("directional", (0, 1, 0), (0, 0, 1)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("mode", "indices"),
+    [
+        (0, [[0], [1], [2], [3], [4]]),
+        (1, [[0, 1], [2, 3]]),
+        (2, [[0, 1], [1, 2], [2, 3], [3, 4], [4, 0]]),
+        (3, [[0, 1], [1, 2], [2, 3], [3, 4]]),
+    ],
+)
+def test_points_and_lines_are_carried(load, mode, indices):
+    """Of six vertices the first is used by nothing."""
+    file = quad()
+    corners = np.array([(9, 9, 9), (0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 2, 0)], np.float32)
+    colors = np.linspace(0, 1, 18, dtype=np.float32).reshape(6, 3)
+    strokes = file.primitive({"POSITION": corners, "COLOR_0": colors}, np.arange(1, 6, dtype=np.uint8), mode=mode, material=0)
+    file.material(baseColorFactor=[0.5, 1, 1, 1])
+    file.node(strokes, translation=[0, 0, 5])
+    said = ["has 5 corners, which is no multiple of 2"] if mode == 1 else []
+    scene = load(file, said=[f"(primitive mode {mode}) are not drawn", *said])
+    (marks,) = scene.marks
+    used = slice(1, 5 if mode == 1 else 6)
+    assert marks.indices.tolist() == indices and np.array_equal(marks.positions, corners[used] + np.float32((0, 0, 5)))
+    assert np.array_equal(marks.colors, colors[used]) and marks.base_color == (0.5, 1, 1)
+    assert scene.bounds.tolist() == SQUARE
+
+
+def test_what_materials_have_is_carried(load):
+    file = textured_quad(alphaMode="MASK", alphaCutoff=0.25, baseColorFactor=[1, 1, 1, 0.75], emissiveFactor=[0.5, 1, 0])
+    extensions = {"KHR_materials_unlit": {}, "KHR_materials_emissive_strength": {"emissiveStrength": 4}}
+    file.json["materials"][0] |= {"extensions": extensions, "emissiveTexture": {"index": 0}}
+    said = ["alphaMode MASK", "emits light", "KHR_materials_unlit", "KHR_materials_emissive_strength"]
+    (material,) = load(file, said=said).materials
+    assert (material.alpha_mode, material.alpha, material.alpha_cutoff) == ("mask", 0.75, 0.25)
+    assert material.unlit and material.emissive == (2, 4, 0)
+    assert material.emissive_texture is material.texture
+    file.json["materials"][0]["emissiveTexture"]["texCoord"] = 1
+    (material,) = load(file, said=[*said, "has a texture at other coordinates"]).materials
+    assert material.emissive_texture is None
 
 
 @pytest.mark.parametrize("dtype", ["int8", "uint8", "int16", "uint16", "float32"])
@@ -147,6 +216,54 @@ def test_blended_joints(load):
     scene = load(gltf_files.bent_skin())
     assert scene.positions.tolist() == [[-1, -1, 0], [1, -1, 0], [3, 1, 0], [1, 1, 0]]
     assert scene.normals.tolist() == [[0, 0, 1]] * 4
+
+
+def test_skins_without_inverse_matrices_and_with_many_joints(load):
+    """A vertex may have more than four: the second set has the other half of the weight."""
+    file = gltf_files.skin_at_rest()
+    del file.json["skins"][0]["inverseBindMatrices"]
+    file.json["meshes"][0]["primitives"][0]["attributes"] |= {
+        "JOINTS_1": file.accessor(np.ones((4, 4), np.uint8)),
+        "WEIGHTS_1": file.accessor(np.tile(np.float32((0.5, 0, 0.5, 0)), (4, 1))),
+    }
+    # Half way between the joints at 6 and at -9.
+    assert load(file).bounds.tolist() == [[-2.5, -1, 0], [-0.5, 1, 0]]
+
+
+def test_skinned_primitives_on_shared_accessors_are_stored_once(load):
+    file = gltf_files.skin_at_rest()
+    primitives = file.json["meshes"][0]["primitives"]
+    primitives[0]["attributes"]["NORMAL"] = file.accessor(np.tile(np.float32((0, 0, 1)), (4, 1)))
+    primitives.append(primitives[0])
+    scene = load(file)
+    assert len(scene.positions) == 4 and len(scene.triangles) == 4
+
+
+def test_diffuse_colors_of_an_older_extension(load):
+    file = textured_quad()
+    older = {"diffuseFactor": [0.5, 1, 1, 1], "diffuseTexture": {"index": 0}}
+    file.json["materials"] = [{"extensions": {"KHR_materials_pbrSpecularGlossiness": older}}]
+    (material,) = load(file, said=["KHR_materials_pbrSpecularGlossiness"]).materials
+    assert material.base_color == (0.5, 1, 1) and np.array_equal(material.texture, quarters())
+
+
+def test_morphed_texture_coordinates(load):
+    file = textured_quad()
+    primitive = file.json["meshes"][0]["primitives"][0]
+    primitive["targets"] = [{"TEXCOORD_0": file.accessor(np.tile(np.float32((0.5, 0)), (4, 1)))}]
+    file.json["meshes"][0]["weights"] = [1]
+    assert quarter_colors(load(file)) == [GREEN, RED, WHITE, BLUE]
+
+
+def test_an_emissive_texture_alone(load):
+    """Then the mesh has the texture coordinates that this one asks for."""
+    file = textured_quad()
+    file.json["materials"] = [{"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0, "texCoord": 1}}]
+    file.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_1"] = file.accessor(QUAD_UVS[::-1])
+    scene = load(file, said=["emits light"])
+    (material,) = scene.materials
+    assert np.array_equal(material.emissive_texture, quarters()) and material.texture is None
+    assert scene.uvs.tolist() == [[0, 1], [1, 1], [1, 0], [0, 0]]
 
 
 def test_weights_that_add_up_to_nothing(load):
@@ -345,6 +462,14 @@ def test_images_and_buffers_within_the_file(load):
     assert load(file).bounds.tolist() == SQUARE
 
 
+def test_a_file_uri(tmp_path):
+    folder = tmp_path / "a b"
+    folder.mkdir()
+    (folder / "q4.png").write_bytes(encoded(quarters()))
+    uri = (folder / "q4.png").as_uri()
+    assert "%20" in uri and quarter_colors(load_scene(image_file(uri).write(tmp_path / "file.gltf"))) == [RED, GREEN, BLUE, WHITE]
+
+
 def test_a_buffer_beside_the_file(tmp_path):
     file = quad()
     (tmp_path / "a b.bin").write_bytes(bytes(file.data))
@@ -396,6 +521,27 @@ def test_draco(load, monkeypatch):
     assert (scene.colors == np.array([1, 0, np.float32(51) / np.float32(255)], np.float32)).all()
 
 
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"POSITION": 3}, "attributes.POSITION must be an attribute of the compressed mesh, got 3"),
+        ({"POSITION": 9}, "attributes.POSITION must be VEC3, got 4 components"),
+    ],
+)
+def test_draco_with_other_attributes(tmp_path, monkeypatch, changes, text):
+    monkeypatch.setitem(sys.modules, "DracoPy", FakeDraco("DracoPy"))
+    file = gltf_files.compressed_by_draco()
+    primitive = file.json["meshes"][0]["primitives"][0]
+    primitive["extensions"]["KHR_draco_mesh_compression"]["attributes"] |= changes
+    assert text in error_of(file, tmp_path)
+
+
+def test_draco_that_is_broken(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "DracoPy", types.SimpleNamespace(decode=lambda data: None))
+    text = "extensions.KHR_draco_mesh_compression cannot be decoded by DracoPy: 'NoneType' object has no attribute 'faces'"
+    assert error_of(gltf_files.compressed_by_draco(), tmp_path).endswith(text)
+
+
 def test_draco_without_its_package(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "DracoPy", None)
     text = error_of(gltf_files.compressed_by_draco(), tmp_path)
@@ -417,7 +563,10 @@ def change(path, value):
         place = file.json
         for key in parents:
             place = place[key]
-        place[last] = value
+        if isinstance(place, list):
+            place[last : last + 1] = [value]
+        else:
+            place[last] = value
         return file
 
     return changed
@@ -443,9 +592,9 @@ def with_material(**settings):
         (with_material(metallicFactor=0.5), "is metallic"),
         (with_material(extensions={"KHR_materials_unlit": {}}), "without lights (KHR_materials_unlit)"),
         (with_material(extensions={"KHR_materials_clearcoat": {}}), "a material has KHR_materials_clearcoat"),
+        (with_material(extensions={"KHR_materials_pbrSpecularGlossiness": {}}), "its diffuse colour is drawn, its reflections"),
+        (change("meshes.1", {"primitives": []}), "meshes[1] is placed by no node: it is not drawn"),
         (change("animations", [{}]), "an animation is not played"),
-        (change("nodes.0.camera", 0), "a camera is not used"),
-        (change("nodes.0.extensions", {"KHR_lights_punctual": {"light": 0}}), "a light (KHR_lights_punctual) is not used"),
         (change("extensionsUsed", ["VENDOR_fur"]), "the extension VENDOR_fur is not read"),
         (change("extensions", {"KHR_materials_variants": {"variants": []}}), "other materials to choose from"),
         (change("scenes", [{"nodes": [0]}, {"nodes": [0]}]), "of 2 scenes only scenes[0] is drawn"),
@@ -542,6 +691,19 @@ def test_strict_is_true_or_false():
         (change("buffers", [{"byteLength": 9, "uri": "no.bin"}]), "buffers[0].uri: there is no file 'no.bin' beside it"),
         (change("buffers", [{"byteLength": 9, "uri": "data:x"}]), "buffers[0].uri: a data URI must have a comma before its data"),
         (change("buffers", [{"byteLength": 9, "uri": "data:;base64,%"}]), "buffers[0].uri: a data URI is not base64: "),
+        (change("nodes.0.camera", 0), "nodes[0].camera must be an index into the 0 cameras, got 0"),
+        (
+            change("nodes.0.extensions", {"KHR_lights_punctual": {}}),
+            "KHR_lights_punctual.light must be an index into the 0 lights",
+        ),
+        (
+            change("nodes.0.extensions", {"EXT_mesh_gpu_instancing": {"attributes": {"SCALE": 1}}}),
+            "must be VEC3 here, got 'SCALAR'",
+        ),
+        (change("nodes.0.weights", ["x"]), 'nodes[0].weights must be a list of finite numbers, got ["x"]'),
+        (change("nodes.0.weights", [10**400]), "nodes[0].weights must be a list of finite numbers"),
+        (change("nodes.0.children", 1), "nodes[0].children must be a list of indices, got 1"),
+        (change("extensionsRequired", "x"), 'extensionsRequired must be a list of texts, got "x"'),
         (with_material(alphaMode="GLASS"), "materials[0].alphaMode must be OPAQUE, MASK or BLEND, got 'GLASS'"),
         (with_material(baseColorTexture={"index": 3}), "baseColorTexture.index must be an index into the 0 textures, got 3"),
         (with_material(doubleSided="yes"), 'materials[0].doubleSided must be true or false, got "yes"'),
@@ -549,6 +711,62 @@ def test_strict_is_true_or_false():
 )
 def test_errors(tmp_path, make, text):
     assert text in error_of(make(quad()), tmp_path)
+
+
+def test_instances_of_other_numbers(tmp_path):
+    file = gltf_files.instanced()
+    attributes = file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]
+    attributes["SCALE"] = attributes["TRANSLATION"] = 0
+    assert error_of(file, tmp_path).endswith("attributes must have as many of each, got 3, 4")
+
+
+def test_instances_of_nothing(load):
+    file = quad(node={"extensions": {"EXT_mesh_gpu_instancing": {}}})
+    assert load(file).bounds.tolist() == SQUARE
+
+
+def test_sparse_indices_beyond_the_elements(tmp_path):
+    file = gltf_files.partly_sparse_accessor()
+    file.json["accessors"][0]["sparse"]["indices"]["byteOffset"] = 0
+    file.data[-4:] = (4).to_bytes(4, "little")
+    assert error_of(file, tmp_path) == "accessors[0].sparse.indices must index the 4 elements, got 4"
+
+
+def test_a_buffer_without_data(tmp_path):
+    file = quad()
+    file.json["buffers"] = [{"byteLength": 60}]
+    assert error_of(file, tmp_path, ".gltf").startswith("buffers[0] must have a uri or be the first one of a GLB")
+
+
+def test_targets_of_another_length(tmp_path):
+    file = gltf_files.morphed()
+    file.json["meshes"][0]["primitives"][0]["targets"][0]["POSITION"] = file.accessor(QUAD[:3])
+    assert error_of(file, tmp_path).endswith("targets[0].POSITION must have 4 elements, got 3")
+
+
+def test_skins_that_do_not_fit(tmp_path):
+    file = gltf_files.skin_at_rest()
+    file.json["accessors"][file.json["skins"][0]["inverseBindMatrices"]]["count"] = 1
+    assert error_of(file, tmp_path) == "skins[0].inverseBindMatrices must have one for each of 2 joints, got 1"
+    file = gltf_files.skin_at_rest()
+    file.json["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = file.accessor(np.zeros((3, 4), np.uint8))
+    assert "JOINTS_0 must have as many elements as POSITION, 4, got 3" in error_of(file, tmp_path)
+    file = gltf_files.skin_at_rest()
+    file.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = file.accessor(np.zeros((3, 4), np.float32))
+    assert error_of(file, tmp_path).endswith("must have as many joints as weights, got [4, 4] and [3, 4]")
+
+
+def test_primitives_without_positions_are_said(load):
+    file = quad()
+    file.node({"attributes": {}}, file.primitive({"POSITION": QUAD[:2]}))
+    said = ["meshes[1].primitives[0] has no POSITION: it is not drawn", "the last 2 are not drawn"]
+    assert load(file, said=said).bounds.tolist() == SQUARE
+
+
+def test_whole_numbers_may_be_written_as_floats(load):
+    file = quad()
+    file.json["accessors"][0]["count"] = 4.0
+    assert load(file).bounds.tolist() == SQUARE
 
 
 def test_a_node_has_one_parent(tmp_path):

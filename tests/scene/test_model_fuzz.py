@@ -37,6 +37,11 @@ def everything():
         "indices": {"bufferView": where, "componentType": 5123},
         "values": {"bufferView": values},
     }
+    file.json["nodes"][1] |= {"camera": 0, "extensions": {"KHR_lights_punctual": {"light": 0}}}
+    file.add("cameras", type="perspective", perspective={"yfov": 1, "znear": 0.5})
+    file.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "spot", "spot": {"outerConeAngle": 0.5}}]}}
+    file.json["materials"][0] |= {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}, "alphaMode": "MASK"}
+    file.json["meshes"][0]["primitives"].append({**primitive, "mode": 2})
     return file
 
 

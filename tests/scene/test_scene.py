@@ -11,11 +11,15 @@ from PIL import Image
 from bigtri import Camera, ModelWarning, Scene, load_scene, render
 from bigtri.reference.shading import decode_table
 from bigtri.scene import Light, Material, from_trimesh, merge
+from bigtri.scene.carried import Lamp, Marks
 from bigtri.scene.normals import face_normals, is_closed, split_normals
 from bigtri.scene.readers import assemble
 
 # Red, green above blue, white: every corner of a texture is told from the others.
 CORNERS = np.array([[(255, 0, 0), (0, 255, 0)], [(0, 0, 255), (255, 255, 255)]], np.uint8)
+
+
+POINT, INDEX = np.zeros((1, 3), np.float32), np.zeros((1, 1), np.int32)
 
 
 def textured_quad() -> trimesh.Trimesh:
@@ -194,6 +198,19 @@ def test_merge():
         merge([])
 
 
+def test_merge_keeps_what_is_carried():
+    triangle = Scene(np.zeros((3, 3), np.float32), np.array([(0, 1, 2)], np.int32), cameras=[Camera((0, 0, 1), (0, 0, 0))])
+    point = Marks(np.ones((1, 3), np.float32), np.zeros((1, 1), np.int32))
+    far = Scene(
+        np.eye(3, dtype=np.float32), np.array([(0, 1, 2)], np.int32), origin=(4096, 0, 0), marks=[point], lamps=[Lamp("point")]
+    )
+    both = merge([triangle, far])
+    assert both.cameras == triangle.cameras and both.lamps == far.lamps
+    (moved,) = both.marks
+    assert (moved.positions + np.array(both.origin)).tolist() == [[4097, 1, 1]]
+    assert merge([far, far]).marks == (point, point)
+
+
 def test_from_trimesh_takes_a_mesh():
     scene = from_trimesh(trimesh.creation.torus(2, 1))
     assert scene.normals is not None and not scene.materials[0].two_sided
@@ -217,6 +234,7 @@ def test_from_trimesh_takes_a_mesh():
         ),
         ({"normals": np.zeros((2, 3), np.float32)}, ValueError, r"normals must be float32 \[3, 3\]"),
         ({"material": np.array([1], np.int32)}, ValueError, "material must index the 1 materials"),
+        ({"marks": [1]}, TypeError, "marks must be a sequence of Marks, got 1 in it"),
         ({"cull": "both"}, ValueError, "cull must be one of"),
         ({"cull": None}, TypeError, "cull must be one of"),
         ({"positions": None}, TypeError, r"positions must be a NumPy array float32 \[V, 3\], got NoneType"),
@@ -264,6 +282,20 @@ def test_scene_errors(change, error, text):
             ValueError,
             r"Material: texture must be .* got \[3, 8, 9\], which looks like \[C, Ht, Wt\]: pass texture.transpose",
         ),
+        (lambda: Material(alpha_mode="glass"), ValueError, "Material: alpha_mode must be one of 'opaque', 'mask', 'blend'"),
+        (lambda: Material(alpha=None), TypeError, "Material: alpha must be a finite number"),
+        (lambda: Material(emissive=1), TypeError, "Material: emissive must be three finite numbers"),
+        (lambda: Material(unlit=1), TypeError, "Material: unlit must be True or False"),
+        (
+            lambda: Marks(np.zeros((1, 2), np.float32), INDEX),
+            ValueError,
+            r"Marks: positions must be float32 \[V, 3\], got \[1, 2\]",
+        ),
+        (lambda: Marks(POINT, INDEX + 1), ValueError, "Marks: indices must index the 1 positions, got indices from 1 to 1"),
+        (lambda: Marks(POINT, np.zeros((1, 3), np.int32)), ValueError, r"Marks: indices must be int32 \[N, 1\] or \[N, 2\], got"),
+        (lambda: Marks(POINT, INDEX, POINT[:0]), ValueError, r"Marks: colors must be float32 \[1, 3\], got \[0, 3\]"),
+        (lambda: Lamp("sun"), ValueError, "Lamp: kind must be one of 'directional', 'point', 'spot'"),
+        (lambda: Lamp("spot", cone=(0, np.nan)), ValueError, "Lamp: cone must be a finite number"),
         (lambda: merge([1]), TypeError, "merge: scenes must hold Scene alone, got int"),
         (lambda: from_trimesh(1), TypeError, "from_trimesh: loaded must be a trimesh.Scene or trimesh.Trimesh"),
         (lambda: load_scene(None), TypeError, "load_scene: path must be a path"),

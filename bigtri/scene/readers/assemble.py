@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Vector
-from ..normals import is_closed, split_normals
+from ..carried import Marks
+from ..normals import is_closed, split_normals, weld
 from ..origin import WORLD_ORIGIN, joined, origin_for
 from ..scene import Material, Scene, merge
-from .model import Mesh, Model, ModelError, Paint
+from .model import Mesh, Model, ModelError, Paint, Strokes
 from .transforms import bounds_of_placed, mirrors, placed_from, turned
 
 # For geometry that says nothing about its colour: linear, a light grey.
@@ -52,7 +53,16 @@ def assemble(model: Model) -> Scene:
     for part in parts:
         if not np.isfinite(part.positions).all():
             model.found("positions beyond float32", "positions are not finite, or beyond float32: their triangles are not drawn")
-    return parts[0] if len(parts) == 1 else merge(parts)
+    scene = parts[0] if len(parts) == 1 else merge(parts)
+    marks = [_marks(strokes, transform, origin) for strokes in model.strokes for transform in strokes.transforms]
+    return scene.with_(marks=marks, cameras=model.cameras, lamps=model.lamps)
+
+
+def _marks(strokes: Strokes, transform: NDArray[np.float64], origin: Vector) -> Marks:
+    kept, (indices,) = _used([strokes.indices], len(strokes.positions))
+    colors = None if strokes.colors is None else strokes.colors[kept]
+    base = None if strokes.paint is None else strokes.paint.base_color
+    return Marks(placed_from(origin, transform, strokes.positions[kept]), indices, colors, base or _WHITE)
 
 
 def _shared_vertices(mesh: Mesh) -> tuple[Any, ...]:
@@ -89,7 +99,8 @@ class _Batch:
         # A mirrored mesh would show its back faces.
         if mirrors(transform):
             triangles = [np.ascontiguousarray(some[:, ::-1]) for some in triangles]
-        closed = [_encloses(positions, some) for some in triangles]
+        welded = weld(positions)
+        closed = [is_closed(positions, some, welded) for some in triangles]
         looks = [materials.of(mesh, two_sided=not solid) for mesh, solid in zip(self._meshes, closed, strict=True)]
         number = {id(look): i for i, look in enumerate(dict.fromkeys(looks))}
         material = np.repeat(np.array([number[id(look)] for look in looks], np.int32), [len(some) for some in triangles])
@@ -98,13 +109,13 @@ class _Batch:
         if self._meshes[0].colors_of_faces and colors is not None:
             # Faces of different colours share no vertex.
             corners = joined_triangles.reshape(-1)
-            positions, uvs = positions[corners], None if uvs is None else uvs[corners]
+            positions, welded, uvs = positions[corners], welded[corners], None if uvs is None else uvs[corners]
             colors = np.repeat(colors, 3, axis=0)
             joined_triangles = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
         if self._normals is not None:
             normals = turned(transform, self._normals)
         else:
-            source, joined_triangles, normals = split_normals(positions, joined_triangles)
+            source, joined_triangles, normals = split_normals(positions, joined_triangles, place=welded)
             positions, uvs = positions[source], None if uvs is None else uvs[source]
             colors = None if colors is None else colors[source]
         return Scene(positions, joined_triangles, normals, uvs, colors, material, tuple(dict.fromkeys(looks)), origin=origin)
@@ -119,12 +130,6 @@ def _used(triangles: list[NDArray[np.int32]], count: int) -> tuple[Any, list[NDA
         return slice(None), triangles
     number = np.cumsum(used, dtype=np.int32) - np.int32(1)
     return used, [number[some] for some in triangles]
-
-
-def _encloses(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> bool:
-    """``is_closed``, which looks at all vertices, of those alone that the triangles use."""
-    used, (own,) = _used([triangles], len(positions))
-    return is_closed(positions[used], own)
 
 
 class _Materials:
@@ -142,6 +147,19 @@ class _Materials:
         if key not in self._known:
             base = paint.base_color or (_WHITE if colored or textured else _GREY)
             texture = paint.texture if textured else None
-            name = paint.name or mesh.name
-            self._known[key] = Material(name, base, texture, paint.wrap, paint.filter, colored, two_sided=two_sided)
+            self._known[key] = Material(
+                paint.name or mesh.name,
+                base,
+                texture,
+                paint.wrap,
+                paint.filter,
+                colored,
+                two_sided=two_sided,
+                alpha_mode=paint.alpha_mode,
+                alpha=paint.alpha,
+                alpha_cutoff=paint.alpha_cutoff,
+                unlit=paint.unlit,
+                emissive=paint.emissive,
+                emissive_texture=paint.emissive_texture if mesh.uvs is not None else None,
+            )
         return self._known[key]

@@ -31,7 +31,7 @@ class DracoMesh:
             self._mesh = DracoPy.decode(data)
             self.indices = np.asarray(self._mesh.faces, np.int64).reshape(-1, 3)
         except Exception as error:  # a point cloud has no faces, and a broken mesh breaks in any way
-            raise ModelError(f"{extension.place} cannot be decoded by DracoPy: {type(error).__name__}: {error}") from error
+            raise ModelError(f"{extension.place} cannot be decoded by DracoPy: {' '.join(str(error).split())}") from error
         self._attributes = extension.object("attributes")
 
     def __contains__(self, name: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ..model import ModelError
 from .document import Document
 
+EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
 DRACO = "KHR_draco_mesh_compression"
 INSTANCING = "EXT_mesh_gpu_instancing"
 LIGHTS = "KHR_lights_punctual"

@@ -18,16 +18,16 @@ from .materials import Materials, Surface
 from .morph import Morph
 
 _MODES = ("points", "lines", "line loops", "line strips", "triangles", "triangle strips", "triangle fans")
-_TRIANGLES, _STRIP = 4, 5
+_POINTS, _LINES, _LOOP, _LINE_STRIP, _TRIANGLES, _STRIP = range(6)
 
 
 @dataclass(frozen=True, eq=False)
 class Primitive:
-    """A primitive with triangles, in the mesh's own space. Attributes as in ``Mesh``."""
+    """A primitive in the mesh's own space. Attributes as in ``Mesh``."""
 
     place: str
     positions: NDArray[Any]
-    triangles: NDArray[np.int32]
+    elements: NDArray[np.int32]  # [N, 1] points, [N, 2] line segments or [N, 3] triangles: indices into the positions
     normals: NDArray[np.float32] | None
     uvs: NDArray[np.float32] | None
     colors: NDArray[np.float32] | None
@@ -45,10 +45,11 @@ class Primitives:
         self._count = len(document.all("accessors"))
         self._materials = Materials(document)
         self._known: dict[tuple[int, tuple[float, ...]], list[Primitive]] = {}
-        self._turned: dict[tuple[int, bytes], NDArray[np.float32]] = {}
+        # By identity and transform of the file's own; these are kept, so that no other array gets their identity.
+        self._turned: dict[tuple[int, bytes], tuple[NDArray[Any], NDArray[np.float32]]] = {}
 
     def of_mesh(self, index: int, weights: tuple[float, ...] | None) -> list[Primitive]:
-        """The primitives of a mesh that have triangles; those that have none are noted.
+        """The primitives of a mesh, less those that have nothing in them.
 
         Args:
             weights: of the morph targets, as the node has them; None: as the mesh has them.
@@ -65,7 +66,6 @@ class Primitives:
         found = self._document.model.found
         if mode < _TRIANGLES:
             found(_MODES[mode], f"{_MODES[mode]} (primitive mode {mode}) are not drawn")
-            return None
         attributes = primitive.object("attributes")
         source = _Attributes(self._document, self._accessors, primitive)
         if "POSITION" not in source:
@@ -75,8 +75,8 @@ class Primitives:
         # Quotients of 16-bit integers need more than float32 to be placed without a further rounding.
         positions = morph("POSITION", source.floats("POSITION", ("VEC3",), np.float32, np.float64))
         size = len(positions)
-        triangles = self._triangles(source, primitive, mode, size)
-        if len(triangles) == 0:
+        elements = self._elements(source, primitive, mode, size)
+        if len(elements) == 0:
             return None
         surface = None
         if "material" in primitive:
@@ -94,30 +94,24 @@ class Primitives:
         for name, values in (("NORMAL", normals), ("TEXCOORD", uvs), ("COLOR_0", colors), ("JOINTS_0", joints)):
             if values is not None and len(values) != size:
                 raise ModelError(f"{attributes.place}: {name} must have as many elements as POSITION, {size}, got {len(values)}")
-        return Primitive(primitive.place, positions, triangles, normals, uvs, colors, joints, joint_weights, surface)
+        return Primitive(primitive.place, positions, elements, normals, uvs, colors, joints, joint_weights, surface)
 
-    def _triangles(self, source: _Attributes, primitive: JsonObject, mode: int, size: int) -> NDArray[np.int32]:
-        """int32 [T, 3]."""
+    def _elements(self, source: _Attributes, primitive: JsonObject, mode: int, size: int) -> NDArray[np.int32]:
+        """int32 [N, 1], [N, 2] or [N, 3]."""
         indices = source.indices(size)
         if source.is_compressed:
             mode = _TRIANGLES
-        elif len(indices) and indices.max() >= size:
+        if len(indices) and indices.max() >= size:
             got = f"got indices from {indices.min()} to {indices.max()}"
             raise ModelError(f"{primitive.at('indices')} must index the {size} vertices, {got}")
-        if mode == _TRIANGLES:
-            left = len(indices) % 3
+        together = {_LINES: 2, _TRIANGLES: 3}.get(mode)
+        if together is not None:
+            left = len(indices) % together
             if left:
-                text = f"{primitive.place} has {len(indices)} corners, which is no multiple of 3: the last {left} are not drawn"
-                self._document.model.found("incomplete triangles", text)
-            return indices[: len(indices) - left].reshape(-1, 3).astype(np.int32)
-        first = np.arange(max(len(indices) - 2, 0))
-        if mode == _STRIP:
-            # Every other triangle goes round the other way.
-            odd = first % 2
-            order = np.stack([first, first + 1 + odd, first + 2 - odd], axis=1)
-        else:
-            order = np.stack([first + 1, first + 2, np.zeros_like(first)], axis=1)
-        return indices[order].astype(np.int32)
+                what = f"{primitive.place} has {len(indices)} corners, which is no multiple of {together}"
+                self._document.model.found(f"incomplete {_MODES[mode]}", f"{what}: the last {left} are not drawn")
+            return indices[: len(indices) - left].reshape(-1, together).astype(np.int32)
+        return indices[_orders(mode, len(indices))].astype(np.int32)
 
     def _uvs(self, source: _Attributes, morph: Morph, surface: Surface | None) -> NDArray[np.float32] | None:
         """The texture coordinates that the material asks for, (0, 0) at the lower left."""
@@ -130,12 +124,12 @@ class Primitives:
         values = source.floats(name, ("VEC2",))
         moved = morph(name, values)
         transform = None if surface is None else surface.transform
-        key = (id(values), b"" if transform is None else transform.tobytes())
         if moved is not values:
             return _upright(moved, transform)
+        key = (id(values), b"" if transform is None else transform.tobytes())
         if key not in self._turned:
-            self._turned[key] = _upright(values, transform)
-        return self._turned[key]
+            self._turned[key] = values, _upright(values, transform)
+        return self._turned[key][1]
 
 
 class _Attributes:
@@ -190,6 +184,21 @@ class _Attributes:
         if f"VEC{values.shape[1]}" not in kinds:
             raise ModelError(f"{self._attributes.at(name)} must be {' or '.join(kinds)}, got {values.shape[1]} components")
         return values
+
+
+def _orders(mode: int, count: int) -> NDArray[np.int64]:
+    """int64 [N, k]: which of ``count`` corners belong together, for points and what goes on from its last element."""
+    if mode == _POINTS:
+        return np.arange(count)[:, None]
+    if mode in (_LOOP, _LINE_STRIP):
+        first = np.arange(count if mode == _LOOP else max(count - 1, 0))
+        return np.stack([first, (first + 1) % max(count, 1)], axis=1)
+    first = np.arange(max(count - 2, 0))
+    if mode == _STRIP:
+        # Every other triangle goes round the other way.
+        odd = first % 2
+        return np.stack([first, first + 1 + odd, first + 2 - odd], axis=1)
+    return np.stack([first + 1, first + 2, np.zeros_like(first)], axis=1)
 
 
 def _side_by_side(arrays: list[NDArray[Any]]) -> NDArray[Any]:

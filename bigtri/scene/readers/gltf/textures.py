@@ -36,6 +36,11 @@ class Texture:
     set: int
     transform: NDArray[np.float64] | None
 
+    def has_coordinates_of(self, other: Texture) -> bool:
+        """Whether both are read at the same place."""
+        one, two = (np.eye(2, 3) if texture.transform is None else texture.transform for texture in (self, other))
+        return self.set == other.set and np.array_equal(one, two)
+
 
 class Textures:
     """Reads textures; an image that several share is one array."""
@@ -60,15 +65,23 @@ class Textures:
         wraps = [sampler.chosen(key, (_REPEAT, _CLAMP, _MIRRORED), _REPEAT) for key in ("wrapS", "wrapT")]
         found = self._document.model.found
         if _MIRRORED in wraps:
-            found("mirrored textures", "a texture is to be mirrored beyond its borders: it is repeated instead")
+            found("mirrored textures", "a texture is to be mirrored beyond its borders (MIRRORED_REPEAT): it is repeated instead")
         elif wraps[0] != wraps[1]:
-            found("wraps of two kinds", "a texture is to be repeated along one axis and clamped along the other: it is repeated")
+            found(
+                "wraps of two kinds",
+                "a texture is to be repeated along one axis and clamped along the other (wrapS, wrapT): it is repeated",
+            )
         enlarged = sampler.chosen("magFilter", (_NEAREST, _LINEAR), _LINEAR)
         reduced = sampler.chosen("minFilter", (_NEAREST, _LINEAR, *_MIPMAPPED), enlarged)
         if reduced in _MIPMAPPED:
-            found("mipmaps", "a texture is to be reduced by mipmaps: it is drawn without them, as it is where it is enlarged")
+            found(
+                "mipmaps", "a texture is to be reduced by mipmaps (minFilter): it is drawn without them, as where it is enlarged"
+            )
         elif reduced != enlarged:
-            found("two filters", "a texture is to be reduced by another filter than enlarged: the one for enlarging is used")
+            found(
+                "two filters",
+                "a texture is to be reduced by another filter (minFilter) than enlarged: the one for enlarging is used",
+            )
         return "clamp" if wraps == [_CLAMP, _CLAMP] else "repeat", "nearest" if enlarged == _NEAREST else "bilinear"
 
     def _pixels(self, texture: JsonObject) -> NDArray[Any] | None:
