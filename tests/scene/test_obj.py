@@ -157,6 +157,14 @@ def test_folders_above(scene):
         assert quarter_colors(made) == QUARTERS
 
 
+def test_textures_beside_the_library_or_the_model(scene):
+    others = {"lib/file.mtl": "newmtl m\nmap_Kd tex/q4.png\n", "tex/q4.png": encoded(quarters())}
+    assert quarter_colors(scene("mtllib lib/file.mtl\n" + TEXTURED, others=others)) == QUARTERS
+    white = encoded(np.full((1, 1, 3), 255, np.uint8))
+    beside = scene("mtllib lib/file.mtl\n" + TEXTURED, others={"lib/tex/q4.png": white})
+    assert quarter_colors(beside) == [(255, 255, 255)] * 4
+
+
 def test_a_map_that_is_scaled_and_moved(painted):
     made = painted("newmtl m\nmap_Kd -s 0.5 0.5 -o 0.5 0 q4.png\n")
     assert made.uvs.tolist() == [[0.5, 0], [1, 0], [1, 0.5], [0.5, 0.5]]

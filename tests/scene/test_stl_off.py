@@ -51,6 +51,7 @@ def scene(tmp_path):
         ASCII_STL.replace("solid x", "solid").replace(" ", "\t  "),
         ASCII_STL.replace("solid x", "solid b\u00e4r").encode("latin-1"),
         ASCII_STL.partition("\n")[2],  # without the first line
+        ASCII_STL.replace("normal 0 0 1", "normal -nan(ind) 0 0") + "endsolid vertex 1 2 3\n",
         "\ufeff" + ASCII_STL.replace("1.0", "1e0").replace("-1e0", "-1.0E+00"),
     ],
 )

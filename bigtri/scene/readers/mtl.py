@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..camera import Vector
 from .colors import linear_colors
-from .files import decoded, read_texture
+from .files import decoded, find, read_texture
 from .model import Model, Paint
 
 # The options of a map, and the most words that follow each.
@@ -41,9 +41,9 @@ class Look:
 class Library:
     """Reads material libraries; textures of one name once."""
 
-    def __init__(self, model: Model) -> None:
-        """``model`` gets as findings what is not drawn."""
-        self._model = model
+    def __init__(self, model: Model, folder: Path) -> None:
+        """``model`` gets as findings what is not drawn; ``folder`` is where its file is."""
+        self._model, self._folder = model, folder
         self._textures: dict[tuple[Path, str], NDArray[Any] | None] = {}
 
     def read(self, path: Path) -> dict[str, Look]:
@@ -106,6 +106,8 @@ class Library:
                 self._model.found(
                     "options of maps", f"the material {look.paint.name} has the option {option}: it is drawn without"
                 )
+        if find(folder, rest) is None:  # some programs mean the folder of the model, not that of the library
+            folder = self._folder
         if (folder, rest) not in self._textures:
             self._textures[folder, rest] = read_texture(self._model, folder, rest)
         look.paint = replace(look.paint, texture=self._textures[folder, rest], wrap=wrap)

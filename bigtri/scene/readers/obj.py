@@ -83,7 +83,7 @@ def _materials(model: Model, lines: Lines, folder: Path) -> tuple[list[str], lis
 
     Notes what stands in other lines and is not drawn.
     """
-    library = Library(model)
+    library = Library(model, folder)
     numbers, begins, of_line = {"": 0}, [-1], [0]
     known: dict[str, Look] = {}
     for line in lines.kinds[""].tolist():

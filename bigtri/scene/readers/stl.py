@@ -68,19 +68,33 @@ def _colors(model: Model, header: bytes, attribute: NDArray[np.uint16]) -> NDArr
 
 
 def _read_ascii(model: Model, name: str, data: bytes) -> None:
-    solids = [match.span() for match in re.finditer(rb"^[ \t]*solid\b[^\r\n]*", data, re.IGNORECASE | re.MULTILINE)]
-    solids = solids or [(0, 0)]
+    text = data.lower()
+    # \b keeps out endsolid, the line what follows in a name.
+    solids = [match.span() for match in re.finditer(rb"\bsolid\b[^\r\n]*", text)] or [(0, 0)]
     for (begin, after_name), end in zip(solids, [begin for begin, _ in solids[1:]] + [len(data)], strict=True):
-        text = data[after_name:end].lower()
-        vertices = re.findall(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", text)
-        facets = len(re.findall(rb"\bfacet\b", text))
-        corners = numbers(b" ".join(map(b" ".join, vertices)), np.float64, "the coordinates of vertices").reshape(-1, 3)
+        corners, facets = _ascii_corners(text[after_name:end].partition(b"endsolid")[0])
         if len(corners) != 3 * facets:
             complete = min(len(corners) // 3, facets)
             model.found("truncated file", f"{facets} triangles begin, {complete} are complete and drawn")
             corners = corners[: 3 * complete]
         own = decoded(data[begin:after_name]).strip()[len("solid") :].strip()
         model.meshes.append(_mesh(own if own and len(solids) > 1 else name, corners.reshape(-1, 3, 3), None))
+
+
+def _ascii_corners(text: bytes) -> tuple[NDArray[np.float64], int]:
+    """(float64 [C, 3], the vertices of a solid in lower case; how many triangles begin in it)."""
+    facets = text.count(b"facet") - text.count(b"endfacet")
+    loops = [part.partition(b"endloop")[0] for part in text.split(b"outer loop")[1:]]
+    try:
+        values = numbers(b" ".join(loops).replace(b"vertex", b""), np.float64, "")
+        if len(values) == 9 * facets:
+            return values.reshape(-1, 3), facets
+    except ModelError:
+        pass
+    # Spaced in another way, or incomplete.
+    vertices = re.findall(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", text)
+    corners = numbers(b" ".join(map(b" ".join, vertices)), np.float64, "the coordinates of vertices")
+    return corners.reshape(-1, 3), facets
 
 
 def _mesh(name: str, corners: NDArray[np.floating], colors: NDArray[np.float32] | None) -> Mesh:
