@@ -235,9 +235,9 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps)
   let_next_begin();
   const uint64_t count = *w.count();
   if (count > 0) {
-    if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.wide_count(), true);
+    if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.common_count(), true);
     __syncthreads();
-    draw_patches<kWarps>(f, ListedCandidates(w, count > w.wide_below), room);
+    draw_patches<kWarps>(f, ListedCandidates(w, count > w.common_below), room);
   }
   draw_slivers(
       f, w.slivers, (int)min_of<uint64_t>(*w.sliver_count(), w.room), w.bands, [](int) { return true; }, &shared);

@@ -86,8 +86,8 @@ struct ShareShared {
   WarpShared warp[kWarps];
   Search search[kWay == Way::kTested ? kWarps : 1];
   unsigned clip;  // bit k: triangle k of a share that is drawn together has to be clipped
-  int rows[kWarps];  // triangles of each warp that are drawn by rows
-  int boxes[kWarps];  // pixels of their bboxes
+  int row_counts[kWarps];  // triangles of each warp that are drawn by rows
+  int box_pixels[kWarps];  // pixels of their bboxes
   __device__ ShareShared() {}
 };
 static_assert(sizeof(ShareShared<Way::kEven>) <= 48 * 1024, "as much as a block can have without asking");
@@ -197,8 +197,8 @@ __device__ __forceinline__ void note_rows(ShareShared<kWay>* shared, const WarpS
   const int pixels = have ? s->triangle[lane_id()].columns() * s->triangle[lane_id()].rows() : 0;
   const int all = warp_sum_up_to(pixels);
   if (lane_id() == kWarp - 1) {
-    shared->rows[warp] = count;
-    shared->boxes[warp] = all;
+    shared->row_counts[warp] = count;
+    shared->box_pixels[warp] = all;
   }
 }
 
@@ -326,7 +326,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     bool shared_rows = false;
     if (kTogether) {
       if (threadIdx.x == 0) {
-        shared->rows[0] = filed.rows;
+        shared->row_counts[0] = filed.rows;
         shared->clip = clip;
       }
       __syncthreads();
@@ -338,7 +338,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     if (kWay == Way::kEven) {
       note_rows(shared, s, warp, filed.rows);
       __syncthreads();
-      shared_rows = are_uneven(shared->boxes);
+      shared_rows = are_uneven(shared->box_pixels);
       if (shared_rows) {
         owner = 0;
         owners = kWarps;
@@ -352,7 +352,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     for (;;) {
 #pragma unroll 1
       do {
-        const int count = shared_rows ? shared->rows[owner] : filed.rows;
+        const int count = shared_rows ? shared->row_counts[owner] : filed.rows;
         if (count == 0) continue;
         const int rows = draw_rows(pixels, f.view.width, shared->warp[owner].triangle, count, first, step, &s->rows);
         // The next warp's rows go on where these end.

@@ -53,12 +53,12 @@ class Nodes:
         waiting = roots[::-1]
         while waiting:
             node = waiting.pop()
-            if node not in order and not (only_visible and self._is_hidden(node)):
+            if node not in order and not (only_visible and self._hidden(node)):
                 order[node] = None
                 waiting += self._children[node][::-1]
         return list(order)
 
-    def _is_hidden(self, node: int) -> bool:
+    def _hidden(self, node: int) -> bool:
         visibility = self._nodes[node].extension(VISIBILITY)
         return visibility is not None and not visibility.flag("visible", True)
 
