@@ -15,6 +15,7 @@ _HOMES = {
     "Camera": ".scene.camera",
     "Light": ".scene.scene",
     "Material": ".scene.scene",
+    "Precision": ".precision",
     "Scene": ".scene.scene",
     "Visibility": ".ops.rasterize",
     "barycentrics": ".ops.interpolate",
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from .ops.rasterize import Visibility, rasterize
     from .ops.shading import decode_srgb, encode_srgb, lambert
     from .ops.texture import sample_texture
+    from .precision import Precision
     from .rendering import views
     from .rendering.render import render
     from .scene.camera import Camera
@@ -48,6 +50,7 @@ __all__ = [
     "Camera",
     "Light",
     "Material",
+    "Precision",
     "Scene",
     "Visibility",
     "barycentrics",

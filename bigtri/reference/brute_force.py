@@ -92,7 +92,7 @@ def _sub_triangles(corners: list[Vector], height: int, width: int, arithmetic: A
         if min(c[3] for c in corners) <= 0:
             return []
         xy = [_snap(c, height, width, arithmetic) for c in corners]
-        return [(xy, [_depth32(c) for c in corners], [c[3] for c in corners], (0, 1, 2), unit, False)]
+        return [(xy, [_depth32(c, arithmetic) for c in corners], [c[3] for c in corners], (0, 1, 2), unit, False)]
 
     first = corners.index(min(corners))
     corner = (first, (first + 1) % 3, (first + 2) % 3)
@@ -104,7 +104,9 @@ def _sub_triangles(corners: list[Vector], height: int, width: int, arithmetic: A
     if len(polygon) < 3 or min(v.position[3] for v in polygon) <= 0:
         return []
 
-    snapped = [(*_snap_made(v, height, width, arithmetic), _depth_made(v), v.position[3]) for v in polygon]  # X, Y, z, w
+    snapped = [
+        (*_snap_made(v, height, width, arithmetic), _depth_made(v, arithmetic), v.position[3]) for v in polygon
+    ]  # X, Y, z, w
     start = snapped.index(min(snapped))
     fan = []
     for k in range(1, len(polygon) - 1):
@@ -119,12 +121,12 @@ def _planes(height: int, width: int, arithmetic: Arithmetic) -> dict[str, Plane]
     """By name, the two (component, coefficient) of each plane, in their order."""
     w, h, guard = float(arithmetic.half * width), float(arithmetic.half * height), float(arithmetic.guard)
     return {
-        "near": ((2, 1.0), (3, 1.0)),
+        "near": ((3, 1.0), (2, -1.0)) if arithmetic.reversed else ((2, 1.0), (3, 1.0)),
         "x-": ((0, w), (3, w + guard)),
         "x+": ((3, guard - 1 - w), (0, -w)),
         "y-": ((3, h + guard), (1, -h)),
         "y+": ((3, guard - 1 - h), (1, h)),
-        "depth": ((3, 4.0), (2, -1.0)),
+        "depth": ((3, 4.0), (2, 1.0 if arithmetic.reversed else -1.0)),
     }
 
 
@@ -200,16 +202,18 @@ def _round32(value: float) -> float:
         return inf if value > 0 else -inf
 
 
-def _depth32(position: Vector) -> float:
-    return _round32(_round32(_round32(position[2] / position[3]) * 0.5) + 0.5)
+def _depth32(position: Vector, arithmetic: Arithmetic) -> float:
+    quotient = _round32(position[2] / position[3])
+    return quotient if arithmetic.reversed else _round32(_round32(quotient * 0.5) + 0.5)
 
 
-def _depth_made(vertex: _Vertex) -> float:
+def _depth_made(vertex: _Vertex, arithmetic: Arithmetic) -> float:
     if "near" in vertex.made:
-        return 0.0
+        return 1.0 if arithmetic.reversed else 0.0
     if not vertex.made:
-        return _depth32(vertex.position)
-    return max(_round32((vertex.position[2] / vertex.position[3]) * 0.5 + 0.5), 0.0)
+        return _depth32(vertex.position, arithmetic)
+    quotient = vertex.position[2] / vertex.position[3]
+    return min(_round32(quotient), 1.0) if arithmetic.reversed else max(_round32(quotient * 0.5 + 0.5), 0.0)
 
 
 def _window(height: int, width: int, scissor: tuple[int, int, int, int] | None) -> tuple[int, int, int, int]:
@@ -316,20 +320,58 @@ def exact_depth(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT
 
 @default_float_mode
 def depth(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> float:
-    """The float32 that docs/numerics.md section 7 gives pixel (px, py), one operation after the other."""
+    """The float32 that docs/numerics.md sections 7 and 13 store for pixel (px, py), one operation after the other."""
+    rule = arithmetic.precision.depth
+    if rule.startswith("float32"):
+        z = _depth_in_float32(record, px, py, rule, arithmetic)
+    else:
+        z = _depth_in_float64(record, px, py, rule, arithmetic)
+    z = min(max(_round32(z), min(record.z)), max(record.z)) + 0.0
+    if rule.startswith("stored") and z <= 1:
+        levels = 2 ** int(rule.removeprefix("stored")) - 1
+        return _round32(round(z * levels) / levels)
+    if rule == "reversed":
+        return _float_of(_bits_of(1.0) - _bits_of(z)) if z >= 0 else 2.0
+    return z
+
+
+def _depth_in_float64(record: Record, px: int, py: int, rule: str, arithmetic: Arithmetic) -> float:
     perimeter = sum(abs(x - u) + abs(y - v) for (x, y), (u, v) in zip(record.xy, record.xy[1:] + record.xy[:1], strict=True))
     if arithmetic.subpixel * perimeter > 32 * record.area:
-        z = _weighted(record, _edge_values(record, px, py, arithmetic))
-    else:
-        left, top = px - px % 64, py - py % 64
-        at_corner = _edge_values(record, left, top, arithmetic)
-        to_the_right = _edge_values(record, left + 1, top, arithmetic)
-        below = _edge_values(record, left, top + 1, arithmetic)
-        corner = _weighted(record, at_corner)
-        dx = _weighted(record, [b - a for a, b in zip(at_corner, to_the_right, strict=True)])
-        dy = _weighted(record, [b - a for a, b in zip(at_corner, below, strict=True)])
-        z = (corner + dy * (py - top)) + dx * (px - left)
-    return min(max(_round32(z), min(record.z)), max(record.z)) + 0.0
+        return _weighted(record, _edge_values(record, px, py, arithmetic))
+    corner, dx, dy = (_weighted(record, g) for g in _cell(record, px, py, arithmetic))
+    if rule == "fixed_cell":
+        corner, dx, dy = (int(value * 2**48) for value in (corner, dx, dy))
+        return _int_to_float32(corner + dy * (py % 64) + dx * (px % 64)) / 2**48
+    return (corner + dy * (py % 64)) + dx * (px % 64)
+
+
+def _depth_in_float32(record: Record, px: int, py: int, rule: str, arithmetic: Arithmetic) -> float:
+    """Every operation is one of float64 on float32 values, rounded again: the same as in float32 (``_round32``)."""
+    if rule == "float32_vertex":
+        (x0, y0), z = record.xy[0], record.z
+        (x1, y1), (x2, y2) = ((_int_to_float32(x - x0), _int_to_float32(y - y0)) for x, y in record.xy[1:])
+        z1, z2 = _round32(z[1] - z[0]), _round32(z[2] - z[0])
+        area = _int_to_float32(record.area)
+        dx = _round32(_round32(_round32(z1 * y2) - _round32(z2 * y1)) / area)
+        dy = _round32(_round32(_round32(z2 * x1) - _round32(z1 * x2)) / area)
+        x, y = _centre(px, py, arithmetic)
+        z_right = _round32(z[0] + _round32(dx * _int_to_float32(x - x0)))
+        return _round32(z_right + _round32(dy * _int_to_float32(y - y0)))
+    if rule == "float32_barycentric":
+        return _weighted_in_float32(record, _edge_values(record, px, py, arithmetic))
+    corner, dx, dy = (_weighted_in_float32(record, g) for g in _cell(record, px, py, arithmetic))
+    return _round32(_round32(corner + _round32(dy * (py % 64))) + _round32(dx * (px % 64)))
+
+
+def _cell(record: Record, px: int, py: int, arithmetic: Arithmetic) -> tuple[list[int], list[int], list[int]]:
+    """The edge values at the first pixel of the pixel's cell, and by how much they change to the right and downwards."""
+    left, top = px - px % 64, py - py % 64
+    at_corner = _edge_values(record, left, top, arithmetic)
+    to_the_right = _edge_values(record, left + 1, top, arithmetic)
+    below = _edge_values(record, left, top + 1, arithmetic)
+    right, down = ([b - a for a, b in zip(at_corner, there, strict=True)] for there in (to_the_right, below))
+    return at_corner, right, down
 
 
 def _edge_values(record: Record, px: int, py: int, arithmetic: Arithmetic) -> list[int]:
@@ -340,6 +382,26 @@ def _edge_values(record: Record, px: int, py: int, arithmetic: Arithmetic) -> li
 def _weighted(record: Record, g: Sequence[int]) -> float:
     z = record.z
     return ((float(g[0]) * z[0] + float(g[1]) * z[1]) + float(g[2]) * z[2]) / float(record.area)
+
+
+def _weighted_in_float32(record: Record, g: Sequence[int]) -> float:
+    terms = [_round32(_int_to_float32(value) * z) for value, z in zip(g, record.z, strict=True)]
+    return _round32(_round32(_round32(terms[0] + terms[1]) + terms[2]) / _int_to_float32(record.area))
+
+
+def _int_to_float32(value: int) -> float:
+    """The nearest float32, half to even, rounded once: what lies below 25 bits only has to tell whether there is anything."""
+    below = max(abs(value).bit_length() - 26, 0)
+    magnitude = (abs(value) >> below) | (abs(value) & ((1 << below) - 1) != 0)
+    return _round32(ldexp(magnitude if value >= 0 else -magnitude, below))
+
+
+def _bits_of(value: float) -> int:
+    return struct.unpack("<i", struct.pack("<f", value))[0]
+
+
+def _float_of(bits: int) -> float:
+    return struct.unpack("<f", struct.pack("<i", bits))[0]
 
 
 # --- The visibility buffer ---------------------------------------------------------------------------------------------------
@@ -383,12 +445,13 @@ class HalfPlane(NamedTuple):
     c: int
 
 
-def outline(corners: Sequence[Vector], height: int, width: int) -> list[HalfPlane]:
-    """The half-planes whose intersection is what a clip-space triangle [3] of (x, y, z, w) shows at w > 0 and z >= -w.
+def outline(corners: Sequence[Vector], height: int, width: int, arithmetic: Arithmetic = EXACT) -> list[HalfPlane]:
+    """The half-planes whose intersection is what a clip-space triangle [3] of (x, y, z, w) shows behind the near plane, at w > 0.
 
     A point of the triangle is ``sum u_m * corner_m``, u >= 0. It appears at normalized device coordinates (nx, ny) where its
     (x, y, w) is a positive multiple of n = (nx, ny, 1), which Cramer's rule solves: u_m = det(n, next, one after) / det(all),
-    linear in nx and ny. So is z + w at that point. An empty list: the triangle is seen edge-on and shows nothing.
+    linear in nx and ny. So is the distance from the near plane at that point. An empty list: the triangle is seen edge-on and
+    shows nothing.
     """
     exact = [[Fraction(c) for c in corner] for corner in corners]
     x_y_w = [(x, y, w) for x, y, _, w in exact]
@@ -397,7 +460,8 @@ def outline(corners: Sequence[Vector], height: int, width: int) -> list[HalfPlan
     if det == 0:
         return []
     lines = [[c / det for c in normal] for normal in normals]
-    near = [(corner[2] + corner[3], line) for corner, line in zip(exact, lines, strict=True)]
+    distances = [w - z if arithmetic.reversed else z + w for _, _, z, w in exact]
+    near = list(zip(distances, lines, strict=True))
     lines.append([sum((distance * line[k] for distance, line in near), Fraction(0)) for k in range(3)])
     # nx = 2x / W - 1, ny = 1 - 2y / H
     return [_integral(2 * a / width, -2 * b / height, c - a + b) for a, b, c in lines]

@@ -54,15 +54,19 @@ def clip_planes(height: int, width: int, arithmetic: Arithmetic = EXACT) -> tupl
     The guard planes say that half * W * (x/w + 1), the snapped X, lies in [-guard, guard - 1], and the same for Y, which points
     down; half and guard are those of the rung.
     """
+    if arithmetic.reversed:
+        near, depth = Plane(W, 1.0, Z, -1.0), Plane(W, 4.0, Z, 1.0)
+    else:
+        near, depth = Plane(Z, 1.0, W, 1.0), Plane(W, 4.0, Z, -1.0)
     half_w, half_h = float(arithmetic.half * width), float(arithmetic.half * height)
     guard = arithmetic.guard
     return (
-        Plane(Z, 1.0, W, 1.0),
+        near,
         Plane(X, half_w, W, half_w + guard),
         Plane(W, guard - 1 - half_w, X, -half_w),
         Plane(W, half_h + guard, Y, -half_h),
         Plane(W, guard - 1 - half_h, Y, half_h),
-        Plane(W, 4.0, Z, -1.0),  # keeps z/w finite
+        depth,  # keeps z/w finite
     )
 
 

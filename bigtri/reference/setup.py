@@ -80,7 +80,7 @@ def _snap_whole(
     return _Snapped(
         triangle,
         _snap(corners.astype(np.float64), height, width, arithmetic),
-        _window_depth(corners[..., Z], corners[..., W]),  # float32 throughout
+        _vertex_depth(corners[..., Z], corners[..., W], arithmetic),  # float32 throughout
         corners[..., W].astype(np.float64),
         corner=np.tile(np.arange(3), (count, 1)),
         weights=np.tile(np.eye(3), (count, 1, 1)),
@@ -110,7 +110,7 @@ def _snap_polygons(
 ) -> _Snapped:
     """The fans of clipped ``polygons``; ``triangle`` [C] and ``corner`` [C, 3] are by owner."""
     xy = _snap_clipped(polygons, height, width, arithmetic)  # [M, 2]
-    z = _clipped_depth(polygons)  # [M]
+    z = _clipped_depth(polygons, arithmetic)  # [M]
     w = polygons.position[:, W]
     fan = _fans(polygons.owner, xy, z, w)  # [N, 3]
     owner = polygons.owner[fan[:, 0]]
@@ -128,20 +128,24 @@ def _snap_clipped(polygons: Polygons, height: int, width: int, arithmetic: Arith
     return xy
 
 
-def _clipped_depth(polygons: Polygons) -> NDArray[np.float32]:
-    """float32 [M]: window depth, not negative; of an original vertex as an unclipped triangle has it, +0 on the near plane."""
+def _clipped_depth(polygons: Polygons, arithmetic: Arithmetic) -> NDArray[np.float32]:
+    """float32 [M]: depth, not nearer than the near plane; of an original vertex as an unclipped triangle has it."""
     z, w = polygons.position[:, Z], polygons.position[:, W]
-    depth = np.maximum(_window_depth(z, w).astype(np.float32), np.float32(0))
+    depth = _vertex_depth(z, w, arithmetic).astype(np.float32)
+    depth = np.minimum(depth, np.float32(1)) if arithmetic.reversed else np.maximum(depth, np.float32(0))
     original = polygons.made == 0
-    depth[original] = _window_depth(z[original].astype(np.float32), w[original].astype(np.float32))
-    depth[_made_by(polygons, NEAR)] = 0
+    depth[original] = _vertex_depth(z[original].astype(np.float32), w[original].astype(np.float32), arithmetic)
+    depth[_made_by(polygons, NEAR)] = 1 if arithmetic.reversed else 0
     return depth
 
 
-def _window_depth(z: NDArray[np.floating], w: NDArray[np.floating]) -> NDArray[np.floating]:
-    """0 at the near plane, 1 at the far one; in the precision of its arguments, each operation rounded to it."""
+def _vertex_depth(z: NDArray[np.floating], w: NDArray[np.floating], arithmetic: Arithmetic) -> NDArray[np.floating]:
+    """Window depth, 0 at the near plane and 1 at the far one, or reversed depth, 1 at the near plane and 0 at the far one.
+
+    In the precision of its arguments, each operation rounded to it.
+    """
     with np.errstate(over="ignore", under="ignore"):
-        return (z / w) * 0.5 + 0.5
+        return z / w if arithmetic.reversed else (z / w) * 0.5 + 0.5
 
 
 def _made_by(polygons: Polygons, plane: int) -> NDArray[np.bool_]:

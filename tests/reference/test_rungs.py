@@ -1,13 +1,14 @@
 """The rungs of the precision ladder: each against the scalar oracle, and against `exact` on the same sub-pixel grid."""
 
 import re
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 from counting import soup
 
-from bigtri.precision import DEFAULT, EXACT, PRECISIONS, RUNGS, Arithmetic
+from bigtri.precision import COVERAGES, DEFAULT, EXACT, PRECISIONS, RUNGS, Arithmetic, Precision, arithmetic_of
 from bigtri.reference import Records, binning, brute_force, depth, rasterize, resolve, scanline, setup, tile_mask
 from bigtri.reference.attributes import barycentrics, interpolate
 
@@ -16,7 +17,8 @@ SIZE = 128  # px; a power of two, so that snapped coordinates can be chosen exac
 BACKGROUND = 2**63 - 1
 SPECIFICATION = Path(__file__).parents[2] / "docs/numerics.md"
 RUNG = pytest.mark.parametrize("rung", RUNGS.values(), ids=PRECISIONS)
-COARSER_RUNG = pytest.mark.parametrize("rung", [RUNGS[name] for name in PRECISIONS[1:]], ids=PRECISIONS[1:])
+COARSER = [name for name in PRECISIONS if name.startswith("subpixel")]
+COARSER_RUNG = pytest.mark.parametrize("rung", [RUNGS[name] for name in COARSER], ids=COARSER)
 
 
 def random_corners(kind: str, count: int) -> np.ndarray:
@@ -51,21 +53,28 @@ def all_stages(records: Records, threshold: int, rung: Arithmetic) -> tuple[np.n
 
 
 def test_the_rungs_have_the_numbers_of_the_specification() -> None:
-    """The table of docs/numerics.md 12: the name, s, h, the exponent of G, and the grid."""
-    row = r"^\| `(\w+)`(, the default)? \| (\d+) \| (\d+) \| 2\^(\d+) \| 1/(\d+) px \|$"
-    rows = re.findall(row, SPECIFICATION.read_text(), re.M)
-    assert tuple(name for name, *_ in rows) == PRECISIONS
-    assert [name for name, default, *_ in rows if default] == [DEFAULT]
-    for name, _, *numbers in rows:
+    """The tables of docs/numerics.md 12: each rung's choices; and of each coverage s, h, the exponent of G, and the grid."""
+    text = SPECIFICATION.read_text()
+    choices_of_all_axes = r" \| `(\w+)`" * len(fields(Precision))
+    rungs = re.findall(rf"^\| `(\w+)`(, the default)?{choices_of_all_axes} \|$", text, re.M)
+    assert tuple(name for name, *_ in rungs) == PRECISIONS
+    assert [name for name, default, *_ in rungs if default] == [DEFAULT]
+    for name, _, *choices in rungs:
+        assert Precision(*choices) == RUNGS[name].precision, name
+    grids = re.findall(r"^\| `(\w+)` \| (\d+) \| (\d+) \| 2\^(\d+) \| 1/(\d+) px \|$", text, re.M)
+    assert [name for name, *_ in grids] == [*COVERAGES]
+    for name, *numbers in grids:
         s, h, exponent, grid = map(int, numbers)
-        rung = RUNGS[name]
+        rung = arithmetic_of(Precision(coverage=name))
         assert (s, h, 2**exponent, grid) == (rung.subpixel, rung.half, rung.guard, rung.subpixel), name
 
 
 @RUNG
 @pytest.mark.parametrize("kind", ["large", "small", "slivers", "clipped"])
 def test_every_bit_equals_the_oracle(kind: str, rung: Arithmetic) -> None:
-    positions, triangles = soup(random_corners(kind, 80))
+    # The rungs that have the coverage of another one share most of its code: fewer triangles tell what is theirs.
+    corners = random_corners(kind, 80 if rung.name in ("exact", *COARSER) else 20)
+    positions, triangles = soup(corners * [1, 1, -1 if rung.reversed else 1, 1])  # reversed, nearer than the near plane is z > w
     for cull, scissor in (("none", None), ("back", (9, -2, 150, 70))):
         records, _ = setup(positions, triangles, HEIGHT, WIDTH, cull, scissor, rung)
         one_by_one, _ = brute_force.records(positions, triangles, HEIGHT, WIDTH, cull, scissor, rung)
@@ -87,9 +96,10 @@ def test_clipping_moves_no_edge_by_more_than_a_subpixel(rung: Arithmetic) -> Non
     height, width = 10, 14
     certain = clipped = 0
     for corners in random_corners("clipped", 120).astype(np.float32):
-        corners[:, 2] = np.minimum(corners[:, 2], corners[:, 3])  # the far plane is cut by depth, not here
+        # The far plane is cut by depth, not here.
+        corners[:, 2] = np.maximum(corners[:, 2], 0) if rung.reversed else np.minimum(corners[:, 2], corners[:, 3])
         packed, _ = rasterize(*soup(corners[None]), height, width, arithmetic=rung)
-        outline = brute_force.outline(corners.tolist(), height, width)
+        outline = brute_force.outline(corners.tolist(), height, width, rung)
         side = np.array([[brute_force.true_side(outline, x, y, rung) for x in range(width)] for y in range(height)])
         drawn = packed != BACKGROUND
         assert drawn[side == 1].all() and not drawn[side == -1].any()
@@ -187,3 +197,68 @@ def test_weights_off_the_grid_are_those_of_the_rung() -> None:
     expected = barycentrics(packed, *snapped, EXACT)
     np.testing.assert_array_equal(barycentrics(packed, *moved, RUNGS["subpixel4"]), expected)
     assert (barycentrics(packed, *moved, EXACT) != expected).any()
+
+
+def a_plane(corners: list[list[float]], resolution: tuple[int, int], rung: Arithmetic) -> np.ndarray:
+    """The depths of one triangle, whose clip-space corners are given, that covers all of the image."""
+    packed, _ = rasterize(*soup(np.array([corners])), *resolution, arithmetic=rung)
+    assert (packed != BACKGROUND).all()
+    return (packed >> 32).astype(np.int32).view(np.float32)
+
+
+SLOPE = [[-1, 1, -1, 1], [3, 1, 3, 1], [-1, -3, -1, 1]]  # z/w is x/w: window depth is the share of the image's width
+
+
+def test_a_stored_depth_has_as_many_levels_as_its_bits() -> None:
+    exact = a_plane(SLOPE, (1, 16384), EXACT)
+    for bits in (16, 24):
+        levels = 2**bits - 1
+        stored = a_plane(SLOPE, (1, 16384), RUNGS[f"depth_stored{bits}"])
+        np.testing.assert_array_equal(stored, np.float32(np.rint(exact.astype(np.float64) * levels) / levels))
+        assert (stored != exact).any() and np.abs(stored.astype(np.float64) - exact).max() <= 0.5 / levels + 2**-25
+    every = np.arange(2**24) / (2**24 - 1)
+    assert (np.diff(every.astype(np.float32)) > 0).all(), "levels of 24 bits stay different in float32"
+
+
+def test_reversed_depth_tells_planes_apart_that_window_depth_does_not() -> None:
+    """Two planes 0.1 apart at a distance of 100, near 0.001, no far plane: clip depth is the near distance, w the distance."""
+    square = np.array([[-1, 1], [3, 1], [-1, -3]])
+    for rung, right in ((EXACT, False), (RUNGS["depth_reversed"], True)):
+        corners = []
+        for w in (100.1, 100.0):  # the farther one first, which wins where depths are equal
+            z = 0.001 if rung.reversed else w - 0.002
+            corners.append([[x * w, y * w, z, w] for x, y in square])
+        packed, _ = rasterize(*soup(np.array(corners)), 8, 8, arithmetic=rung)
+        assert ((packed & 0xFFFFFFFF) == 1).all() == right
+
+
+def test_reversed_depth_is_one_on_the_near_plane_and_zero_on_the_far_one() -> None:
+    rung = RUNGS["depth_reversed"]
+    for z, stored in ((1.0, 0.0), (0.0, 1.0), (0.25, np.int32(0x3F800000 - 0x3E800000).view(np.float32))):
+        assert (a_plane([[-1, 1, z, 1], [3, 1, z, 1], [-1, -3, z, 1]], (4, 4), rung) == np.float32(stored)).all(), z
+    beyond, _ = rasterize(*soup(np.array([[[-1, 1, -0.1, 1], [3, 1, -0.1, 1], [-1, -3, -0.1, 1]]])), 4, 4, arithmetic=rung)
+    assert (beyond == BACKGROUND).all()
+
+
+def test_a_plane_in_int64_holds_the_steepest_records_that_are_not_thin() -> None:
+    """Depths from 0 to 2.5 over the height of 1/16 px: the plane far away within the cell is still that of Python's integers."""
+    rung = RUNGS["depth_fixed_cell"]
+    tall = 60 * rung.subpixel
+    for width in range(14, 40):
+        xy = np.array([[[3 * rung.subpixel, 0], [3 * rung.subpixel + width, 0], [40 * rung.subpixel, tall]]])
+        positions, triangles = snapped_at(xy, np.array([[0, 2.5, 1.0]]), rung)
+        packed, _ = rasterize(positions, triangles, SIZE, SIZE, arithmetic=rung)
+        expected, _ = brute_force.rasterize(positions, triangles, SIZE, SIZE, arithmetic=rung)
+        np.testing.assert_array_equal(packed, expected)
+
+
+def test_each_float32_rule_gives_other_depths_than_the_default() -> None:
+    """Else a rung that forgot its rule would pass every comparison of backends."""
+    corners = random_corners("large", 40)
+    exact, _ = rasterize(*soup(corners), HEIGHT, WIDTH)
+    seen = {exact.tobytes()}
+    for name in ("depth_float32_cell", "depth_float32_vertex", "depth_float32_barycentric"):
+        packed, _ = rasterize(*soup(corners), HEIGHT, WIDTH, arithmetic=RUNGS[name])
+        np.testing.assert_array_equal(packed == BACKGROUND, exact == BACKGROUND)
+        assert packed.tobytes() not in seen, name
+        seen.add(packed.tobytes())

@@ -28,13 +28,14 @@ struct Plane {
 // planes 1 to 4.
 BIGTRI_HD Plane clip_plane(int k, int width, int height) {
   const double w = (double)kHalf * width, h = (double)kHalf * height, low = kGuard, high = kGuard - 1;
+  constexpr bool kReversed = Rung::kDepth == DepthRule::kReversed;
   switch (k) {
-    case 0: return {2, 3, 1.0, 1.0};
+    case 0: return kReversed ? Plane{3, 2, 1.0, -1.0} : Plane{2, 3, 1.0, 1.0};
     case 1: return {0, 3, w, w + low};
     case 2: return {3, 0, high - w, -w};
     case 3: return {3, 1, h + low, -h};
     case 4: return {3, 1, high - h, h};
-    default: return {3, 2, 4.0, -1.0};
+    default: return {3, 2, 4.0, kReversed ? 1.0 : -1.0};
   }
 }
 

@@ -27,9 +27,8 @@ BIGTRI_HD D plane_column(double dzdx, D i) {
   return dzdx * i;
 }
 
-// z in float32, clamped to the record's own range, and never -0.
-BIGTRI_HD float finish_depth(double z, float zmin, float zmax) {
-  const float f = (float)z;
+// A depth, clamped to the record's own range, and never -0.
+BIGTRI_HD float clamp_depth(float f, float zmin, float zmax) {
 #if defined(__CUDA_ARCH__)
   // fminf and fmaxf are one instruction each. Of zeros with different signs they may choose the other one; adding +0.0f
   // makes +0 of both.
@@ -38,6 +37,9 @@ BIGTRI_HD float finish_depth(double z, float zmin, float zmax) {
   return min_of(max_of(f, zmin), zmax) + 0.0f;
 #endif
 }
+
+// The same, rounded to float32 first.
+BIGTRI_HD float finish_depth(double z, float zmin, float zmax) { return clamp_depth((float)z, zmin, zmax); }
 
 // A record's depth plane over one cell.
 struct CellPlane {

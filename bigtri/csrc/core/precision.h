@@ -1,5 +1,5 @@
-// The rungs of the precision ladder; docs/numerics.md 12. Mirrors bigtri/precision.py. Besides this file, only
-// cuda/variants.h names rungs, where it lists the variants of each.
+// The rungs of the precision ladder; docs/numerics.md 12 to 14. Mirrors bigtri/precision.py. Besides this file, only
+// cpu/variants.h and cuda/variants.h name rungs, where they list the variants of each.
 //
 // A rung is a constant of the translation unit, as the instruction set is. Code that depends on the rung is compiled
 // once per rung, with BIGTRI_RUNG defined as the rung's name, into an inline namespace of that name (numerics.h). So no
@@ -7,18 +7,67 @@
 #pragma once
 
 namespace bigtri {
+
+// How the depth of a pixel is computed and stored.
+enum class DepthRule {
+  kFloat64Cell,
+  kFloat32Cell,
+  kFloat32Vertex,
+  kFloat32Barycentric,
+  kFixedCell,
+  kStored24,
+  kStored16,
+  kReversed,
+};
+
 namespace rungs {
 
 struct exact {
   static constexpr int kSubpixelBits = 8;  // vertices snap to 1/256 px
+  static constexpr DepthRule kDepth = DepthRule::kFloat64Cell;
+  // Whether the proofs that the variant bin_owned rests on hold, and its kernels are compiled.
+  static constexpr bool kBinOwned = true;
 };
 
 struct subpixel4 : exact {
   static constexpr int kSubpixelBits = 4;  // vertices snap to 1/16 px
 };
 
+// What the rungs of the ladder have in common: they are compared on the variant two_stage.
+struct ladder : exact {
+  static constexpr bool kBinOwned = false;
+};
+
+struct depth_float32_cell : ladder {
+  static constexpr DepthRule kDepth = DepthRule::kFloat32Cell;
+};
+struct depth_float32_vertex : ladder {
+  static constexpr DepthRule kDepth = DepthRule::kFloat32Vertex;
+};
+struct depth_float32_barycentric : ladder {
+  static constexpr DepthRule kDepth = DepthRule::kFloat32Barycentric;
+};
+struct depth_fixed_cell : ladder {
+  static constexpr DepthRule kDepth = DepthRule::kFixedCell;
+};
+struct depth_stored24 : ladder {
+  static constexpr DepthRule kDepth = DepthRule::kStored24;
+};
+struct depth_stored16 : ladder {
+  static constexpr DepthRule kDepth = DepthRule::kStored16;
+};
+struct depth_reversed : ladder {
+  static constexpr DepthRule kDepth = DepthRule::kReversed;
+};
+
 }  // namespace rungs
 }  // namespace bigtri
 
-// All rungs, the default first.
+// The rungs that are for drawing, the default first; their work can be counted (counters.h).
 #define BIGTRI_RUNGS(X) X(exact) X(subpixel4)
+
+// The rungs that show what an axis costs. They are left out of a build with BIGTRI_LADDER=0 (setup.py).
+#define BIGTRI_LADDER(X)                                                                                       \
+  X(depth_float32_cell)                                                                                        \
+  X(depth_float32_vertex) X(depth_float32_barycentric) X(depth_fixed_cell) X(depth_stored24) X(depth_stored16) \
+      X(depth_reversed)

@@ -19,7 +19,7 @@ constexpr uint32_t kScreenMask = 0xfu << 8;
 // One projected vertex. x, y and z are meaningful only if no flag but those in kScreenMask is set.
 struct Vertex {
   int32_t x, y;    // snapped, subpx
-  float z;         // window depth
+  float z;         // window depth, or reversed depth (vertex_depth)
   uint32_t flags;  // bits as above
 };
 
@@ -73,6 +73,14 @@ BIGTRI_HD float window_depth(T z_by_w) {
   return (float)(z_by_w * (T)0.5 + (T)0.5);
 }
 
+// The depth of a vertex from its z / w: window depth, 0 at the near plane and 1 at the far one, or where the rung has it
+// reversed, 1 at the near plane and 0 at the far one.
+constexpr bool kReversedDepth = Rung::kDepth == DepthRule::kReversed;
+template <class T>
+BIGTRI_HD float vertex_depth(T z_by_w) {
+  return kReversedDepth ? (float)z_by_w : window_depth(z_by_w);
+}
+
 // z / w in float32, where w holds a float32. A GPU has the inverse of w already, so it divides in float64 and rounds
 // again. Rounding the quotient of two float32 numbers to float64 first does not change the float32 result (Figueroa
 // 1995, "When is double rounding innocuous?").
@@ -107,7 +115,7 @@ BIGTRI_HD uint32_t vertex_flags(const float v[4], int width, int height) {
 
 BIGTRI_HD Vertex project_vertex(const float v[4], int width, int height) {
   const Divisor w = divisor(v[3]);
-  return {snap_x(v[0], w, width), snap_y(v[1], w, height), window_depth(float_quotient(v[2], w)),
+  return {snap_x(v[0], w, width), snap_y(v[1], w, height), vertex_depth(float_quotient(v[2], w)),
           vertex_flags(v, width, height)};
 }
 
@@ -167,11 +175,13 @@ BIGTRI_HD Vertex project_clipped(const ClipVertex& v, int width, int height) {
   out.x = (v.made & 2) ? -kGuard : (v.made & 4) ? kGuard - 1 : snap_x(v.position[0], w, width);
   out.y = (v.made & 8) ? -kGuard : (v.made & 16) ? kGuard - 1 : snap_y(v.position[1], w, height);
   // An original vertex gets the depth that it has in triangles that are not clipped, from its float32 inputs. Rounding
-  // may have left a new vertex a little in front of the near plane; its depth is clamped to 0.
+  // may have left a new vertex a little in front of the near plane; its depth is clamped to that of the plane.
   if (v.made == 0)
-    out.z = window_depth((float)v.position[2] / (float)w);
+    out.z = vertex_depth((float)v.position[2] / (float)w);
+  else if (kReversedDepth)
+    out.z = (v.made & (1u << kNear)) ? 1.0f : min_of(vertex_depth(v.position[2] / w), 1.0f);
   else
-    out.z = (v.made & (1u << kNear)) ? 0.0f : max_of(window_depth(v.position[2] / w), 0.0f);
+    out.z = (v.made & (1u << kNear)) ? 0.0f : max_of(vertex_depth(v.position[2] / w), 0.0f);
   out.flags = 0;
   return out;
 }

@@ -2,6 +2,7 @@
 // through Stages::kernels. Compiled once per instruction set.
 #pragma once
 
+#include "../core/pixel_depth.h"
 #include "depth.inl"
 #include "setup.inl"
 #include "tile_mask.inl"
@@ -99,6 +100,8 @@ int64_t stage_scan_rows(const int32_t* xy, const int32_t* bbox, int32_t record, 
 // cell's plane is kept.
 void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const int32_t* spans, int64_t count,
                  float* out) {
+  Record r;
+  DepthInCell ladder = {};
   CellDepth d = {};
   int64_t last_record = -1, last_x = -1, last_y = -1;
   for (int64_t i = 0; i < count; ++i) {
@@ -111,18 +114,25 @@ void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const i
         for (int k = 0; k < 3; ++k) p.z[k] = z[3 * (int64_t)s[0] + k];
         p.area = area[s[0]];
         p.x0 = p.y0 = p.x1 = p.y1 = 0;
-        Record r;
         fill_record(p, 0, &r);
-        cell_depth(r, (int)cell_x, (int)cell_y, &d);
+        if constexpr (kDepthRule == DepthRule::kFloat64Cell)
+          cell_depth(r, (int)cell_x, (int)cell_y, &d);
+        else
+          ladder = depth_in_cell(r, (int)cell_x, (int)cell_y);
         last_record = s[0];
         last_x = cell_x;
         last_y = cell_y;
       }
       const int i0 = (int)(x % kBin), j = s[1] % kBin;
       const int64_t n = min_of<int64_t>(min_of<int64_t>(8, s[3] - x), kBin - i0);
-      const f32x8 v = clamp_depth(to_float(d.thin ? row_depth<true>(d, i0, j) : row_depth<false>(d, i0, j)),
-                                  splat<f32x8>(d.zmin), splat<f32x8>(d.zmax));
-      for (int64_t k = 0; k < n; ++k) out[k] = v[k];
+      if constexpr (kDepthRule == DepthRule::kFloat64Cell) {
+        const f32x8 v = clamp_depth(to_float(d.thin ? row_depth<true>(d, i0, j) : row_depth<false>(d, i0, j)),
+                                    splat<f32x8>(d.zmin), splat<f32x8>(d.zmax));
+        for (int64_t k = 0; k < n; ++k) out[k] = v[k];
+      } else {
+        for (int k = 0; k < (int)n; ++k)
+          out[k] = is_thin(r) ? pixel_depth<true>(ladder, i0 + k, j) : pixel_depth<false>(ladder, i0 + k, j);
+      }
       out += n;
       x += n;
     }
