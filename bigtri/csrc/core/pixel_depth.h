@@ -2,8 +2,6 @@
 // with it; what is written for float64 planes alone uses core/depth.h. Mirrors bigtri/reference/depth.py.
 #pragma once
 
-#include <type_traits>
-
 #include "record.h"
 
 namespace bigtri {

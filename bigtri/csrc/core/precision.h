@@ -67,7 +67,7 @@ struct depth_reversed : ladder {
 #define BIGTRI_RUNGS(X) X(exact) X(subpixel4)
 
 // The rungs that show what an axis costs. They are left out of a build with BIGTRI_LADDER=0 (setup.py).
-#define BIGTRI_LADDER(X)                                                                                       \
-  X(depth_float32_cell)                                                                                        \
-  X(depth_float32_vertex) X(depth_float32_barycentric) X(depth_fixed_cell) X(depth_stored24) X(depth_stored16) \
-      X(depth_reversed)
+#define BIGTRI_LADDER(X)  \
+  X(depth_float32_cell)   \
+  X(depth_float32_vertex) \
+  X(depth_float32_barycentric) X(depth_fixed_cell) X(depth_stored24) X(depth_stored16) X(depth_reversed)
