@@ -11,7 +11,15 @@ from dataclasses import dataclass, fields
 # What each axis can be, the default first.
 COVERAGES = {
     "fixed8": "edge functions in integers, vertices on a grid of 1/256 px",
-    "fixed4": "the same, vertices on a grid of 1/16 px",
+    "fixed4": "the same, on a grid of 1/16 px",
+    "fixed12": "the same, on a grid of 1/4096 px, in int64 at each pixel",
+    "fixed16": "the same, on a grid of 1/65536 px, in int64 at each pixel, and with a guard band of 2^14 px",
+    "fixed8_int64": "as fixed8, in int64 at each pixel",
+    "float32": "edge functions in float32, of vertices on a grid of 1/256 px, and the top-left rule",
+    "float32_fused": "the same, with one product that is not rounded, as compilers contract it",
+    "float32_canonical": "as float32, each edge computed in one direction for both of its triangles",
+    "float32_inclusive": "edge functions in float32 of vertices that are not snapped, all >= 0",
+    "float32_strict": "the same, all > 0",
 }
 DEPTHS = {
     "float64_cell": "a float64 plane for each 64x64 px cell, rounded once to float32",
@@ -49,7 +57,8 @@ class Precision:
                 raise ValueError(f"bigtri.Precision: {field.name} must be one of {names}, got {value!r}")
 
 
-_SUBPIXEL_BITS = {"fixed8": 8, "fixed4": 4}
+_SUBPIXEL_BITS = {"fixed4": 4, "fixed12": 12, "fixed16": 16}  # 8 for any other coverage
+_UNSNAPPED = ("float32_inclusive", "float32_strict")
 
 
 @dataclass(frozen=True)
@@ -57,7 +66,7 @@ class Arithmetic:
     """A precision as the stages of the reference take it: what decides its bits.
 
     "subpx", the unit of snapped coordinates, is 2^-subpixel_bits px. Every proof about the widths of integers is made for 8
-    sub-pixel bits; fewer bits make every integer shorter.
+    sub-pixel bits; fewer bits make every integer shorter, and docs/numerics.md 14 says what holds for more.
     """
 
     name: str  # the rung's, or what the precision is where it is none
@@ -65,8 +74,8 @@ class Arithmetic:
 
     @property
     def subpixel_bits(self) -> int:
-        """4 or 8."""
-        return _SUBPIXEL_BITS[self.precision.coverage]
+        """4, 8, 12 or 16."""
+        return _SUBPIXEL_BITS.get(self.precision.coverage, 8)
 
     @property
     def subpixel(self) -> int:
@@ -80,8 +89,21 @@ class Arithmetic:
 
     @property
     def guard(self) -> int:
-        """Snapped coordinates lie in [-guard, guard - 1] subpx: 2^15 px to either side of the upper left corner."""
-        return 1 << (15 + self.subpixel_bits)
+        """Snapped coordinates lie in [-guard, guard - 1] subpx: 2^15 px to either side of the upper left corner, or 2^14 px.
+
+        2^14 px with 16 bits, so that a coordinate has 31 bits and a product of two differences fits int64.
+        """
+        return 1 << min(15 + self.subpixel_bits, 30)
+
+    @property
+    def has_float_coverage(self) -> bool:
+        """Whether edge functions are computed in float32."""
+        return self.precision.coverage.startswith("float32")
+
+    @property
+    def is_unsnapped(self) -> bool:
+        """Whether coverage is that of vertices that are not snapped."""
+        return self.precision.coverage in _UNSNAPPED
 
     @property
     def reversed(self) -> bool:
@@ -93,6 +115,10 @@ class Arithmetic:
 _LADDER = {
     "exact": Precision(),
     "subpixel4": Precision(coverage="fixed4"),
+    "subpixel12": Precision(coverage="fixed12"),
+    "subpixel16": Precision(coverage="fixed16"),
+    "coverage_int64": Precision(coverage="fixed8_int64"),
+    **{f"coverage_{coverage}": Precision(coverage=coverage) for coverage in COVERAGES if coverage.startswith("float32")},
     **{f"depth_{depth}": Precision(depth=depth) for depth in DEPTHS if depth != "float64_cell"},
 }
 RUNGS = {name: Arithmetic(name, precision) for name, precision in _LADDER.items()}

@@ -61,7 +61,8 @@ def setup(
     if chosen == "reference":
         return reference.setup(positions, triangles, height, width, cull, box, arithmetic)
     *fields, dropped = _native(op, positions, triangles, height, width, cull=cull, scissor=list(box), precision=arithmetic.name)
-    return Records(*fields), int(dropped)
+    place = np.zeros((len(fields[0]), 0, 2), np.float32)
+    return Records._make([*fields, place]), int(dropped)
 
 
 def binning(
@@ -174,6 +175,11 @@ def _arithmetic(op: str, precision: str | Precision, backend: str) -> Arithmetic
     arithmetic = arguments.check_precision(op, precision)
     if backend == "native":
         arguments.check_compiled(op, arithmetic, "cpu")
+        if arithmetic.is_unsnapped:
+            raise ValueError(
+                f"bigtri.{op}: backend must be 'reference' with precision {arithmetic.name!r}, whose records hold more than the "
+                f"extension's stages hand on, got {backend!r}"
+            )
     return arithmetic
 
 

@@ -42,6 +42,7 @@ class Record(NamedTuple):
     corner: tuple[int, int, int]
     weights: tuple[Vector, Vector, Vector]
     clipped: bool
+    place: tuple[Vector, ...]  # px, float32 values, not snapped; empty unless the rung needs them
 
 
 class _Vertex(NamedTuple):
@@ -73,16 +74,16 @@ def records(
             dropped += 1
             continue
         for sub in _sub_triangles(corners, height, width, arithmetic):
-            xy, z, w, corner, weights, clipped = sub
+            xy, z, w, corner, weights, clipped, place = sub
             window = _window(height, width, scissor)
-            record = _oriented(index, xy, z, w, corner, weights, clipped, window, cull, arithmetic)
+            record = _oriented(index, xy, z, w, corner, weights, clipped, place, window, cull, arithmetic)
             if record is not None:
                 result.append(record)
     return result, dropped
 
 
 def _sub_triangles(corners: list[Vector], height: int, width: int, arithmetic: Arithmetic) -> list[tuple[Any, ...]]:
-    """Lists (snapped vertices, depths, w, corner, weights, clipped), not yet oriented."""
+    """Lists (snapped vertices, depths, w, corner, weights, clipped, places), not yet oriented."""
     planes = _planes(height, width, arithmetic)
     outside = {name: [_distance(plane, c) < 0 for c in corners] for name, plane in planes.items()}
     if any(all(flags) for flags in outside.values()):
@@ -92,7 +93,8 @@ def _sub_triangles(corners: list[Vector], height: int, width: int, arithmetic: A
         if min(c[3] for c in corners) <= 0:
             return []
         xy = [_snap(c, height, width, arithmetic) for c in corners]
-        return [(xy, [_depth32(c, arithmetic) for c in corners], [c[3] for c in corners], (0, 1, 2), unit, False)]
+        place = [_place32(c, height, width) for c in corners]
+        return [(xy, [_depth32(c, arithmetic) for c in corners], [c[3] for c in corners], (0, 1, 2), unit, False, place)]
 
     first = corners.index(min(corners))
     corner = (first, (first + 1) % 3, (first + 2) % 3)
@@ -113,7 +115,8 @@ def _sub_triangles(corners: list[Vector], height: int, width: int, arithmetic: A
         corner_of = [start, (start + k) % len(polygon), (start + k + 1) % len(polygon)]
         x_y_z_w = [snapped[i] for i in corner_of]
         weights = tuple(polygon[i].weights for i in corner_of)
-        fan.append(([v[:2] for v in x_y_z_w], [v[2] for v in x_y_z_w], [v[3] for v in x_y_z_w], corner, weights, True))
+        place = [_place_made(polygon[i], height, width) for i in corner_of]
+        fan.append(([v[:2] for v in x_y_z_w], [v[2] for v in x_y_z_w], [v[3] for v in x_y_z_w], corner, weights, True, place))
     return fan
 
 
@@ -216,6 +219,19 @@ def _depth_made(vertex: _Vertex, arithmetic: Arithmetic) -> float:
     return min(_round32(quotient), 1.0) if arithmetic.reversed else max(_round32(quotient * 0.5 + 0.5), 0.0)
 
 
+def _place32(position: Vector, height: int, width: int) -> Vector:
+    x, y, _, w = position
+    across, down = _round32(_round32(_round32(x / w) * 0.5) + 0.5), _round32(0.5 - _round32(_round32(y / w) * 0.5))
+    return _round32(across * width), _round32(down * height)
+
+
+def _place_made(vertex: _Vertex, height: int, width: int) -> Vector:
+    if not vertex.made:
+        return _place32(vertex.position, height, width)
+    x, y, _, w = vertex.position
+    return _round32((x / w * 0.5 + 0.5) * width), _round32((0.5 - y / w * 0.5) * height)
+
+
 def _window(height: int, width: int, scissor: tuple[int, int, int, int] | None) -> tuple[int, int, int, int]:
     x0, y0, x1, y1 = scissor or (0, 0, width, height)
     return max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
@@ -229,6 +245,7 @@ def _oriented(
     corner: tuple[int, int, int],
     weights: tuple[Vector, Vector, Vector],
     clipped: bool,
+    place: list[Vector],
     window: tuple[int, int, int, int],
     cull: str,
     arithmetic: Arithmetic,
@@ -258,6 +275,7 @@ def _oriented(
         corner if clipped else (a, b, c),
         (weights[a], weights[b], weights[c]) if clipped else identity,
         clipped,
+        (place[a], place[b], place[c]) if arithmetic.is_unsnapped else (),
     )
 
 
@@ -284,7 +302,11 @@ def covers(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> 
 
     The top-left rule says: move the sample to the right by an infinitesimal step, and down by a still smaller one; then it lies
     on no edge. The sign of an edge function there is that of the first of (value, x derivative, y derivative) that is not 0.
+
+    Where the rung's coverage is in float32, decided by its edge functions.
     """
+    if arithmetic.has_float_coverage:
+        return all(_covers_in_float32(record, k, px, py, arithmetic) for k in range(3))
     sample = _centre(px, py, arithmetic)
     for k in range(3):
         p, q = record.xy[(k + 1) % 3], record.xy[(k + 2) % 3]
@@ -293,9 +315,37 @@ def covers(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> 
     return True
 
 
+def _covers_in_float32(record: Record, k: int, px: int, py: int, arithmetic: Arithmetic) -> bool:
+    """Every operation is one of float64 on float32 values, rounded again: the same as in float32 (``_round32``)."""
+    rule = arithmetic.precision.coverage
+    (ax, ay), (bx, by) = (record.xy[(k + 1) % 3], record.xy[(k + 2) % 3])
+    owns = by < ay or (by == ay and bx > ax)
+    vertices = record.place or [(x / arithmetic.subpixel, y / arithmetic.subpixel) for x, y in record.xy]
+    p, q = vertices[(k + 1) % 3], vertices[(k + 2) % 3]
+    turned = rule == "float32_canonical" and p > q
+    if turned:
+        p, q = q, p
+    dx, dy = _round32(q[0] - p[0]), _round32(q[1] - p[1])
+    right, down = _round32(px + 0.5 - p[0]), _round32(py + 0.5 - p[1])
+    second = _round32(dy * right)
+    if rule == "float32_fused":
+        value = _fraction_to_float32(Fraction(dx) * Fraction(down) - Fraction(second))
+    else:
+        value = _round32(_round32(dx * down) - second)
+    value = -value if turned else value
+    if rule == "float32_inclusive" or (rule != "float32_strict" and owns):
+        return value >= 0
+    return value > 0
+
+
 def coverage(record: Record, height: int, width: int, arithmetic: Arithmetic = EXACT) -> NDArray[np.bool_]:
-    """bool [H, W]: ``covers`` at every pixel of the bbox, all at once in int64 (48 bits and a sign); False elsewhere."""
+    """bool [H, W]: ``covers`` at every pixel of the bbox, all at once in int64 (62 bits and a sign); False elsewhere."""
     x0, y0, x1, y1 = record.bbox
+    if arithmetic.has_float_coverage:
+        one_by_one = np.zeros((height, width), np.bool_)
+        for y, x in np.ndindex(y1 - y0, x1 - x0):
+            one_by_one[y0 + y, x0 + x] = covers(record, x0 + x, y0 + y, arithmetic)
+        return one_by_one
     subpixel, half = arithmetic.subpixel, arithmetic.half
     sx = (subpixel * np.arange(x0, x1, dtype=np.int64) + half)[None, :]
     sy = (subpixel * np.arange(y0, y1, dtype=np.int64) + half)[:, None]
@@ -394,6 +444,11 @@ def _int_to_float32(value: int) -> float:
     below = max(abs(value).bit_length() - 26, 0)
     magnitude = (abs(value) >> below) | (abs(value) & ((1 << below) - 1) != 0)
     return _round32(ldexp(magnitude if value >= 0 else -magnitude, below))
+
+
+def _fraction_to_float32(value: Fraction) -> float:
+    """The same of a fraction whose denominator is a power of two, as the products and sums of floats are."""
+    return _int_to_float32(value.numerator) / value.denominator
 
 
 def _bits_of(value: float) -> int:

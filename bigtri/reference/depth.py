@@ -103,7 +103,8 @@ def _is_thin(records: Records, record: NDArray[np.int64], arithmetic: Arithmetic
     """bool [P]: whether the record is so thin that its plane's slopes would cancel badly; at most 36 bits on the left."""
     edges = edges_of(records.xy[record])
     girth = (np.abs(edges.dx) + np.abs(edges.dy)).sum(axis=1)  # subpx
-    return arithmetic.subpixel * girth > THIN_RATIO * records.area[record]
+    # s * girth > 32 * A, with room for areas of 62 bits
+    return (arithmetic.subpixel * girth - 1) // THIN_RATIO >= records.area[record]
 
 
 def _float64_depth(records: Records, pieces: _Pieces, arithmetic: Arithmetic) -> NDArray[np.floating]:

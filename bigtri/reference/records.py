@@ -21,6 +21,7 @@ class Records(NamedTuple):
     corner: Any  # int32 [N, 3], corner of the parent that record vertex k (not clipped) or slot k (clipped) is
     weights: Any  # float64 [N, 3, 3], row k: homogeneous weights of record vertex k over the slots
     clipped: Any  # bool [N]
+    place: Any  # float32 [N, 3, 2], vertices in px, not snapped, of a rung whose coverage needs them; of any other [N, 0, 2]
 
 
 class Bins(NamedTuple):

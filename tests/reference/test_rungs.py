@@ -17,7 +17,7 @@ SIZE = 128  # px; a power of two, so that snapped coordinates can be chosen exac
 BACKGROUND = 2**63 - 1
 SPECIFICATION = Path(__file__).parents[2] / "docs/numerics.md"
 RUNG = pytest.mark.parametrize("rung", RUNGS.values(), ids=PRECISIONS)
-COARSER = [name for name in PRECISIONS if name.startswith("subpixel")]
+COARSER = [name for name, rung in RUNGS.items() if rung.subpixel_bits < EXACT.subpixel_bits]
 COARSER_RUNG = pytest.mark.parametrize("rung", [RUNGS[name] for name in COARSER], ids=COARSER)
 
 
@@ -62,9 +62,9 @@ def test_the_rungs_have_the_numbers_of_the_specification() -> None:
     for name, _, *choices in rungs:
         assert Precision(*choices) == RUNGS[name].precision, name
     grids = re.findall(r"^\| `(\w+)` \| (\d+) \| (\d+) \| 2\^(\d+) \| 1/(\d+) px \|$", text, re.M)
-    assert [name for name, *_ in grids] == [*COVERAGES]
-    for name, *numbers in grids:
-        s, h, exponent, grid = map(int, numbers)
+    by_coverage = {name: [int(n) for n in numbers] for name, *numbers in grids}
+    for name in COVERAGES:
+        s, h, exponent, grid = by_coverage.get(name, by_coverage["fixed8"])
         rung = arithmetic_of(Precision(coverage=name))
         assert (s, h, 2**exponent, grid) == (rung.subpixel, rung.half, rung.guard, rung.subpixel), name
 
@@ -73,9 +73,10 @@ def test_the_rungs_have_the_numbers_of_the_specification() -> None:
 @pytest.mark.parametrize("kind", ["large", "small", "slivers", "clipped"])
 def test_every_bit_equals_the_oracle(kind: str, rung: Arithmetic) -> None:
     # The rungs that have the coverage of another one share most of its code: fewer triangles tell what is theirs.
-    corners = random_corners(kind, 80 if rung.name in ("exact", *COARSER) else 20)
+    whole = rung.name in ("exact", *COARSER)
+    corners = random_corners(kind, 80 if whole else 12)
     positions, triangles = soup(corners * [1, 1, -1 if rung.reversed else 1, 1])  # reversed, nearer than the near plane is z > w
-    for cull, scissor in (("none", None), ("back", (9, -2, 150, 70))):
+    for cull, scissor in (("none", None), ("back", (9, -2, 150, 70)))[: 2 if whole else 1]:
         records, _ = setup(positions, triangles, HEIGHT, WIDTH, cull, scissor, rung)
         one_by_one, _ = brute_force.records(positions, triangles, HEIGHT, WIDTH, cull, scissor, rung)
         assert len(records.triangle) == len(one_by_one) > 0
@@ -90,7 +91,7 @@ def test_every_bit_equals_the_oracle(kind: str, rung: Arithmetic) -> None:
             np.testing.assert_array_equal(packed, expected)
 
 
-@RUNG
+@pytest.mark.parametrize("rung", [r for r in RUNGS.values() if not r.has_float_coverage], ids=lambda rung: rung.name)
 def test_clipping_moves_no_edge_by_more_than_a_subpixel(rung: Arithmetic) -> None:
     """Triangle by triangle against its true projection; only centres within 1 subpx of its border may differ."""
     height, width = 10, 14
@@ -262,3 +263,99 @@ def test_each_float32_rule_gives_other_depths_than_the_default() -> None:
         np.testing.assert_array_equal(packed == BACKGROUND, exact == BACKGROUND)
         assert packed.tobytes() not in seen, name
         seen.add(packed.tobytes())
+
+
+def times_covered(xy: np.ndarray, rung: Arithmetic) -> np.ndarray:
+    """How many of the triangles with the snapped vertices ``xy`` [T, 3, 2], subpx of `exact`, cover each pixel."""
+    positions, triangles = snapped_at(xy, np.full(xy.shape[:2], 0.5), EXACT)
+    drawn = [rasterize(positions, one[None], SIZE, SIZE, arithmetic=rung)[0] != BACKGROUND for one in triangles]
+    return np.sum(drawn, axis=0)
+
+
+def quads(count: int) -> np.ndarray:
+    """Two triangles each, int64 [N, 2, 3, 2], subpx of `exact`, that share a long edge through a pixel's centre.
+
+    A tie: exactly 0 there, and what rounding makes of it in float32.
+    """
+    rng = np.random.default_rng(35)
+    centre = 256 * rng.integers(10, SIZE - 10, (count, 2)) + 128
+    step = rng.integers(-(1 << 11), 1 << 11, (count, 2)) | 1
+    begin, end = (centre + sign * step * rng.integers(1 << 10, 1 << 11, (count, 1)) for sign in (1, -1))
+    across = np.stack([-step[:, 1], step[:, 0]], axis=1) << 10
+    shared = np.stack([begin, end], axis=1)
+    return np.stack([np.concatenate([shared, (centre + sign * across)[:, None]], axis=1) for sign in (1, -1)], axis=1)
+
+
+def gaps_and_overlaps(name: str) -> int:
+    """How many pixels along the shared edges of quads are covered by none or by both of their triangles."""
+    return sum(int((times_covered(quad, RUNGS[name]) != times_covered(quad, EXACT)).sum()) for quad in quads(60))
+
+
+@pytest.mark.parametrize("name", ["coverage_int64", "coverage_float32_canonical"])
+def test_a_shared_edge_leaves_no_gap_and_no_overlap(name: str) -> None:
+    for quad in quads(60):
+        assert times_covered(quad, RUNGS[name]).max() == 1
+    assert gaps_and_overlaps("coverage_int64") == 0
+    assert gaps_and_overlaps("coverage_float32_canonical") == 0, "a pixel that changes hands is still covered once"
+
+
+@pytest.mark.parametrize("name", ["coverage_float32", "coverage_float32_fused", "coverage_float32_inclusive"])
+def test_float32_breaks_shared_edges(name: str) -> None:
+    """Else the canonical direction would be for nothing."""
+    assert gaps_and_overlaps(name) > 0
+
+
+def test_ties_without_a_fill_rule() -> None:
+    """A square whose diagonal runs through pixel centres: each is drawn once by top-left, twice by >=, never by >."""
+    low, high = 10 * 256 + 128, 100 * 256 + 128
+    square = np.array([[[low, low], [high, low], [high, high]], [[low, low], [high, high], [low, high]]])
+    diagonal = np.arange(11, 100)
+    for name, times in (("exact", 1), ("coverage_float32", 1), ("coverage_float32_inclusive", 2), ("coverage_float32_strict", 0)):
+        assert (times_covered(square, RUNGS[name])[diagonal, diagonal] == times).all(), name
+
+
+def test_int64_everywhere_changes_no_bit() -> None:
+    for kind in ("large", "slivers", "clipped"):
+        images = [
+            rasterize(*soup(random_corners(kind, 60)), HEIGHT, WIDTH, arithmetic=RUNGS[n])[0] for n in ("exact", "coverage_int64")
+        ]
+        np.testing.assert_array_equal(*images)
+
+
+@pytest.mark.parametrize(("name", "grid"), [("subpixel12", 4096), ("subpixel16", 65536)])
+def test_finer_grids_place_edges_where_they_are(name: str, grid: int) -> None:
+    """A left edge 1/grid px to the right of the pixel centres misses them; `exact` snaps it onto them."""
+    x = (20.5 + 1 / grid) / (SIZE / 2) - 1  # exact in float32
+    positions, triangles = soup(np.array([[[x, 1, 0, 1], [x + 0.5, 1, 0, 1], [x, -1, 0, 1]]]))
+    drawn = [rasterize(positions, triangles, SIZE, SIZE, arithmetic=RUNGS[n])[0] != BACKGROUND for n in (name, "exact")]
+    assert not drawn[0][:, 20].any() and drawn[0][:100, 21].all()
+    assert drawn[1][:100, 20].all()
+
+
+@RUNG
+def test_masks_lose_no_pixel_that_the_rung_covers(rung: Arithmetic) -> None:
+    """Bins and tiles against the rung's own rule, pixel by pixel, with edges that pass close by their corners."""
+    rng = np.random.default_rng(37)
+    corner = rng.choice([63.5, 64.5, 7.5, 8.5, 127.5], (30, 1, 2))
+    xy = corner + rng.normal(0, 1, (30, 1, 2)) * 1e-3 + rng.normal(0, 60, (30, 3, 2)) * [[[0], [1], [-1]]]
+    ndc = (xy / (SIZE / 2) - 1) * [1, -1]
+    positions, triangles = soup(np.concatenate([ndc, np.zeros((30, 3, 1)), np.ones((30, 3, 1))], axis=-1))
+    records, _ = setup(positions, triangles, SIZE, SIZE, arithmetic=rung)
+    one_by_one, _ = brute_force.records(positions, triangles, SIZE, SIZE, arithmetic=rung)
+    bins = binning(records, 0, rung)
+    touched, full = tile_mask(records, bins.candidates[bins.kept], rung)
+    masks = {
+        tuple(entry): (t, f)
+        for entry, t, f in zip(bins.candidates[bins.kept].tolist(), touched.tolist(), full.tolist(), strict=True)
+    }
+    checked = 0
+    for number, record in enumerate(one_by_one[:8]):
+        x0, y0, x1, y1 = record.bbox
+        for y, x in rng.integers((y0, x0), (y1, x1), (300, 2)).tolist():
+            t, f = masks.get((number, x // 64, y // 64), (0, 0))
+            bit = 8 * (y % 64 // 8) + x % 64 // 8
+            covered = brute_force.covers(record, x, y, rung)
+            assert not covered or t >> bit & 1
+            assert covered or not f >> bit & 1
+            checked += covered
+    assert checked > 100

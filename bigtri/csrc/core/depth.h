@@ -64,11 +64,13 @@ BIGTRI_HD int32_t absolute(int32_t v) { return v < 0 ? -v : v; }
 
 // Whether depth has to be computed without the plane, whose terms would cancel. area: twice the area, subpx^2.
 BIGTRI_HD bool is_thin(const int32_t x[3], const int32_t y[3], int64_t area) {
-  int32_t length = 0;  // subpx; |dx| + |dy| < 2^25 for each edge, so it stays below 2^27
+  EdgeNumber length = 0;  // subpx; |dx| + |dy| < 2^25 for each edge, so it stays below 2^27
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(x, y, k);
-    length += absolute(e.dx) + absolute(e.dy);
+    length += (EdgeNumber)absolute(e.dx) + absolute(e.dy);
   }
+  // With wide edges kThinRatio * area may not fit. kSubpixel is a multiple of it then.
+  if constexpr (Rung::kWideEdges) return kSubpixel / kThinRatio * length > area;
   return (int64_t)kSubpixel * length > kThinRatio * area;
 }
 

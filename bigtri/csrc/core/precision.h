@@ -8,6 +8,16 @@
 
 namespace bigtri {
 
+// How it is decided which pixels a triangle covers.
+enum class CoverageRule {
+  kFixed,  // edge functions in integers
+  kFloat32,  // in float32, of snapped vertices
+  kFloat32Fused,  // with one product that is not rounded
+  kFloat32Canonical,  // each edge in one direction for both of its triangles
+  kFloat32Inclusive,  // of vertices that are not snapped, all >= 0
+  kFloat32Strict,  // the same, all > 0
+};
+
 // How the depth of a pixel is computed and stored.
 enum class DepthRule {
   kFloat64Cell,
@@ -24,6 +34,8 @@ namespace rungs {
 
 struct exact {
   static constexpr int kSubpixelBits = 8;  // vertices snap to 1/256 px
+  static constexpr CoverageRule kCoverage = CoverageRule::kFixed;
+  static constexpr bool kWideEdges = false;  // whether an edge function needs int64 at a pixel, or is given it
   static constexpr DepthRule kDepth = DepthRule::kFloat64Cell;
   // Whether the proofs that the variant bin_owned rests on hold, and its kernels are compiled.
   static constexpr bool kBinOwned = true;
@@ -36,6 +48,33 @@ struct subpixel4 : exact {
 // What the rungs of the ladder have in common: they are compared on the variant two_stage.
 struct ladder : exact {
   static constexpr bool kBinOwned = false;
+};
+
+struct subpixel12 : ladder {
+  static constexpr int kSubpixelBits = 12;
+  static constexpr bool kWideEdges = true;
+};
+struct subpixel16 : ladder {
+  static constexpr int kSubpixelBits = 16;
+  static constexpr bool kWideEdges = true;
+};
+struct coverage_int64 : ladder {
+  static constexpr bool kWideEdges = true;
+};
+struct coverage_float32 : ladder {
+  static constexpr CoverageRule kCoverage = CoverageRule::kFloat32;
+};
+struct coverage_float32_fused : ladder {
+  static constexpr CoverageRule kCoverage = CoverageRule::kFloat32Fused;
+};
+struct coverage_float32_canonical : ladder {
+  static constexpr CoverageRule kCoverage = CoverageRule::kFloat32Canonical;
+};
+struct coverage_float32_inclusive : ladder {
+  static constexpr CoverageRule kCoverage = CoverageRule::kFloat32Inclusive;
+};
+struct coverage_float32_strict : ladder {
+  static constexpr CoverageRule kCoverage = CoverageRule::kFloat32Strict;
 };
 
 struct depth_float32_cell : ladder {
@@ -67,7 +106,9 @@ struct depth_reversed : ladder {
 #define BIGTRI_RUNGS(X) X(exact) X(subpixel4)
 
 // The rungs that show what an axis costs. They are left out of a build with BIGTRI_LADDER=0 (setup.py).
-#define BIGTRI_LADDER(X)  \
-  X(depth_float32_cell)   \
-  X(depth_float32_vertex) \
-  X(depth_float32_barycentric) X(depth_fixed_cell) X(depth_stored24) X(depth_stored16) X(depth_reversed)
+#define BIGTRI_LADDER(X)                                                                                     \
+  X(subpixel12)                                                                                              \
+  X(subpixel16)                                                                                              \
+  X(coverage_int64) X(coverage_float32) X(coverage_float32_fused) X(coverage_float32_canonical)              \
+      X(coverage_float32_inclusive) X(coverage_float32_strict) X(depth_float32_cell) X(depth_float32_vertex) \
+          X(depth_float32_barycentric) X(depth_fixed_cell) X(depth_stored24) X(depth_stored16) X(depth_reversed)

@@ -23,9 +23,18 @@ struct Vertex {
   uint32_t flags;  // bits as above
 };
 
+// Vertices in px that are not snapped, where the rung's coverage needs them; else nothing, which takes no room as a base.
+template <bool kHas>
+struct PlacesOf {};
+template <>
+struct PlacesOf<true> {
+  float px[3], py[3];
+};
+using Places = PlacesOf<kUnsnapped>;
+
 // One (sub)triangle that was not culled and has a pixel centre in its bbox. Its vertices run clockwise on the screen,
 // from the one with the smallest (X, Y).
-struct Primitive {
+struct Primitive : Places {
   int32_t x[3], y[3];      // snapped vertices, subpx
   float z[3];              // window depth
   int32_t order[3];        // order[k]: which of the three vertices given is record vertex k

@@ -20,13 +20,17 @@ BIGTRI_HD uint64_t bbox_tiles(int x0, int y0, int x1, int y1) {
 }
 
 // f at a tile's first pixel centre.
-BIGTRI_HD int32_t tile_edge(const NarrowEdge& e, int column, int row) {
+BIGTRI_HD EdgeNumber tile_edge(const NarrowEdge& e, int column, int row) {
   return e.f + (kTile * column) * e.sx + (kTile * row) * e.sy;
 }
 
 // Added to tile_edge, they give the extremes of f over the tile's 64 pixel centres.
-BIGTRI_HD int32_t tile_highest(const NarrowEdge& e) { return (kTile - 1) * (max_of(e.sx, 0) + max_of(e.sy, 0)); }
-BIGTRI_HD int32_t tile_lowest(const NarrowEdge& e) { return (kTile - 1) * (min_of(e.sx, 0) + min_of(e.sy, 0)); }
+BIGTRI_HD EdgeNumber tile_highest(const NarrowEdge& e) {
+  return (kTile - 1) * (max_of<EdgeNumber>(e.sx, 0) + max_of<EdgeNumber>(e.sy, 0));
+}
+BIGTRI_HD EdgeNumber tile_lowest(const NarrowEdge& e) {
+  return (kTile - 1) * (min_of<EdgeNumber>(e.sx, 0) + min_of<EdgeNumber>(e.sy, 0));
+}
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -46,15 +46,26 @@ void begin_record(const AttributeJob& job, const float* attributes, const Parent
   }
 }
 
-// Computes the pixels x to x + 7, all of one record, and writes the first n. A pixel that the record does not cover
+// Computes the pixels x to x + 7 of row y, all of one record, and writes the first n. A pixel that the record does not cover
 // gets zeros: the visibility buffer came from another drawing.
-void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowRecord& row, int64_t x, int n,
+void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowRecord& row, int64_t x, int64_t y, int n,
                        float* out) {
   f64x8 e[3], b[3];
   bool covered[8] = {true, true, true, true, true, true, true, true};
-  for (int k = 0; k < 3; ++k) {
-    e[k] = row.start[k] + (load<f64x8>(kLaneDouble) + (double)x) * row.step[k];
-    for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= row.least[k];
+  if constexpr (kFloatCoverage || Rung::kWideEdges) {
+    const Primitive& p = parent.primitive[row.record];
+    double value[3][8];
+    for (int i = 0; i < 8; ++i) {
+      const int32_t at = (int32_t)(x + min_of(i, n - 1));
+      covered[i] = covers(p, at, (int32_t)y);
+      for (int k = 0; k < 3; ++k) value[k][i] = edge_at(p, k, at, (int32_t)y);
+    }
+    for (int k = 0; k < 3; ++k) e[k] = load<f64x8>(value[k]);
+  } else {
+    for (int k = 0; k < 3; ++k) {
+      e[k] = row.start[k] + (load<f64x8>(kLaneDouble) + (double)x) * row.step[k];
+      for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= row.least[k];
+    }
   }
   barycentrics(parent, row.record, e, b);
   const f32x8 weight[3] = {to_float(b[0]), to_float(b[1]), to_float(b[2])};
@@ -85,7 +96,7 @@ void interpolate_run(const AttributeJob& job, const float* attributes, const Par
       __builtin_memset(out, 0, (size_t)(n * job.channels) * sizeof(float));
     } else {
       if (record != row.record) begin_record(job, attributes, parent, record, triangle, y, &row);
-      interpolate_eight(job, parent, row, x, (int)n, out);
+      interpolate_eight(job, parent, row, x, y, (int)n, out);
     }
     x += n;
     out += n * job.channels;

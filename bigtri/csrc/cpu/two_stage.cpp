@@ -53,8 +53,8 @@ void set_up_share(const Frame& view, int64_t view_index, int64_t begin, int64_t 
       candidates += box.count;
       for (int i = 0; i < box.count; ++i) {
         const int x = box.x + i % box.columns, y = box.y + i / box.columns;
-        EdgeInBin edge[3];
-        if (edges_in_bin(r, x, y, edge))
+        EdgesInBin edges;
+        if (edges_in_bin(r, x, y, &edges))
           share->pairs.push_back({(int32_t)share->records.size(), (int16_t)x, (int16_t)y});
       }
       share->records.push_back(r);

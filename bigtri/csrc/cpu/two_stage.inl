@@ -13,15 +13,15 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Eight pixels of row j of the bin from column i on. inside: of the record's edges, or null if all pixels are; the bbox
-// allows the lanes [begin, end).
+// Eight pixels of row j of the bin from column i on. edges: null if all pixels are inside of them; the bbox allows the
+// lanes [begin, end).
 template <bool kThin>
-BIGTRI_INLINE void draw_eight(const DepthInCell& d, const EdgeInBin* inside, int i, int j, int begin, int end,
+BIGTRI_INLINE void draw_eight(const DepthInCell& d, const EdgesInBin* edges, int i, int j, int begin, int end,
                               int64_t* pixels) {
   int32_t covered[8];
   int some = 0;
   for (int lane = 0; lane < 8; ++lane) {
-    covered[lane] = (lane >= begin) & (lane < end) & (!inside || is_inside(inside, i + lane, j));
+    covered[lane] = (lane >= begin) & (lane < end) & (!edges || is_inside(*edges, i + lane, j));
     some |= covered[lane];
   }
   if (!some) return;
@@ -32,28 +32,28 @@ BIGTRI_INLINE void draw_eight(const DepthInCell& d, const EdgeInBin* inside, int
 }
 
 template <bool kThin>
-BIGTRI_INLINE void draw_touched(const Record& r, const EdgeInBin edge[3], int bin_x, int bin_y, int64_t* pixels,
+BIGTRI_INLINE void draw_touched(const Record& r, const EdgesInBin& edges, int bin_x, int bin_y, int64_t* pixels,
                                 int width) {
   const DepthInCell depth = depth_in_cell(r, bin_x, bin_y);
   const int left = bin_x * kBin, top = bin_y * kBin;
   for (uint64_t tiles = bbox_tiles(r.x0 - left, r.y0 - top, r.x1 - left, r.y1 - top); tiles; tiles &= tiles - 1) {
     const int tile = __builtin_ctzll(tiles), column = tile % 8, row = tile / 8;
-    if (!touches_tile(edge, column, row)) continue;
-    const EdgeInBin* inside = fills_tile(edge, column, row) ? nullptr : edge;
+    if (!touches_tile(edges, column, row)) continue;
+    const EdgesInBin* partly = fills_tile(edges, column, row) ? nullptr : &edges;
     const int i = column * kTile, begin = max_of(r.x0 - left - i, 0), end = min_of(r.x1 - left - i, kTile);
     const int j0 = max_of(r.y0 - top, row * kTile), j1 = min_of(r.y1 - top, row * kTile + kTile);
     int64_t* line = pixels + (int64_t)(top + j0) * width + left + i;
-    for (int j = j0; j < j1; ++j, line += width) draw_eight<kThin>(depth, inside, i, j, begin, end, line);
+    for (int j = j0; j < j1; ++j, line += width) draw_eight<kThin>(depth, partly, i, j, begin, end, line);
   }
 }
 
 void draw_bin(const Record& r, int bin_x, int bin_y, int64_t* pixels, int width) {
-  EdgeInBin edge[3];
-  if (!edges_in_bin(r, bin_x, bin_y, edge)) return;
+  EdgesInBin edges;
+  if (!edges_in_bin(r, bin_x, bin_y, &edges)) return;
   if (is_thin(r))
-    draw_touched<true>(r, edge, bin_x, bin_y, pixels, width);
+    draw_touched<true>(r, edges, bin_x, bin_y, pixels, width);
   else
-    draw_touched<false>(r, edge, bin_x, bin_y, pixels, width);
+    draw_touched<false>(r, edges, bin_x, bin_y, pixels, width);
 }
 
 }  // namespace
