@@ -72,12 +72,12 @@ BIGTRI_HD BinEdge bin_edge(const Edge& e, int bin_x, int bin_y, SamplePoint at =
 // the difference of the two, |f| <= highest - lowest = 63 * (|sx| + |sy|) <= 63 * 2^25
 // = 63/64 * 2^31.
 struct NarrowEdge {
-  EdgeNumber f, sx, sy;  // int32, unless the rung has wide edges
+  int32_t f, sx, sy;
 };
 
 BIGTRI_HD NarrowEdge narrow(const BinEdge& b) {
   if (b.lowest >= 0) return {0, 0, 0};
-  return {(EdgeNumber)b.f, b.sx, b.sy};
+  return {(int32_t)b.f, b.sx, b.sy};
 }
 
 }  // namespace BIGTRI_NAMESPACE

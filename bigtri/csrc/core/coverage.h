@@ -80,8 +80,14 @@ BIGTRI_HD bool are_all_inside(const FloatEdge& e, int x, int y, int size) {
   return is_inside(e, x + (rises_x(e) ? 0 : size - 1), y + (rises_y(e) ? 0 : size - 1));
 }
 
-// An edge within a bin, as the rung has it: the functions below are written for either.
-using EdgeInBin = std::conditional_t<kFloatCoverage, FloatEdge, NarrowEdge>;
+// f of one edge inside a bin in int64, for rungs in which it does not fit int32, or that have it in int64 always.
+struct WideEdge {
+  int64_t f, sx, sy;
+};
+
+// An edge within a bin, as the rung has it: the functions below are written for each.
+using EdgeInBin =
+    std::conditional_t<kFloatCoverage, FloatEdge, std::conditional_t<Rung::kWideEdges, WideEdge, NarrowEdge>>;
 
 // A bin: its first pixel, px. Columns i and rows j are counted from there.
 struct Bin {
@@ -96,25 +102,36 @@ BIGTRI_HD bool enter_bin(const Boxed& r, int k, const Bin& bin, NarrowEdge* e) {
   return b.highest >= 0;
 }
 template <class Boxed>
+BIGTRI_HD bool enter_bin(const Boxed& r, int k, const Bin& bin, WideEdge* e) {
+  const BinEdge b = bin_edge(edge_of(r.x, r.y, k), bin.left / kBin, bin.top / kBin);
+  *e = {b.f, b.sx, b.sy};
+  return b.highest >= 0;
+}
+template <class Boxed>
 BIGTRI_HD bool enter_bin(const Boxed& r, int k, const Bin& bin, FloatEdge* e) {
   *e = float_edge(r, k);
   return is_any_inside(*e, bin.left, bin.top, kBin);
 }
 
-// Whether a pixel is inside.
-BIGTRI_HD bool is_inside(const NarrowEdge& e, const Bin&, int i, int j) { return e.f + i * e.sx + j * e.sy >= 0; }
+// Whether a pixel is inside. E is a NarrowEdge or a WideEdge.
+template <class E>
+BIGTRI_HD bool is_inside(const E& e, const Bin&, int i, int j) {
+  return e.f + i * e.sx + j * e.sy >= 0;
+}
 BIGTRI_HD bool is_inside(const FloatEdge& e, const Bin& bin, int i, int j) {
   return is_inside(e, bin.left + i, bin.top + j);
 }
 
 // Whether a pixel of the tile in a column and row of tiles is inside; whether all of them are.
-BIGTRI_HD bool touches_tile(const NarrowEdge& e, const Bin&, int column, int row) {
+template <class E>
+BIGTRI_HD bool touches_tile(const E& e, const Bin&, int column, int row) {
   return tile_edge(e, column, row) + tile_highest(e) >= 0;
 }
 BIGTRI_HD bool touches_tile(const FloatEdge& e, const Bin& bin, int column, int row) {
   return is_any_inside(e, bin.left + column * kTile, bin.top + row * kTile, kTile);
 }
-BIGTRI_HD bool fills_tile(const NarrowEdge& e, const Bin&, int column, int row) {
+template <class E>
+BIGTRI_HD bool fills_tile(const E& e, const Bin&, int column, int row) {
   return tile_edge(e, column, row) + tile_lowest(e) >= 0;
 }
 BIGTRI_HD bool fills_tile(const FloatEdge& e, const Bin& bin, int column, int row) {
