@@ -31,7 +31,13 @@ DEPTHS = {
     "stored16": "the default, stored on 2^16 levels",
     "reversed": "clip depth from w at the near plane to 0 at the far one, stored as z/w",
 }
-_AXES = {"coverage": COVERAGES, "depth": DEPTHS}
+MASKS = {
+    "corners": "a bin or tile is rejected if an edge has the centres of all its pixels outside: those at its corners tell",
+    "half_tile": "a bin or tile is rejected if an edge has all of its square outside: half its size around its centre",
+    "bounds": "no edge rejects a bin or tile; the bounding box does",
+    "none": "nothing rejects a tile of a bin that the bounding box touches",
+}
+_AXES = {"coverage": COVERAGES, "depth": DEPTHS, "mask": MASKS}
 
 
 @dataclass(frozen=True)
@@ -41,11 +47,12 @@ class Precision:
     Not every mix is compiled: those that have a name are, see ``RUNGS``. The reference computes all.
 
     Raises:
-        TypeError, ValueError: an axis is none of what it can be; the text names it.
+        TypeError, ValueError: an axis is none of what it can be, or two exclude each other; the text names them.
     """
 
     coverage: str = "fixed8"  # which pixels a triangle covers; one of COVERAGES
     depth: str = "float64_cell"  # how the depth of a pixel is computed and stored; one of DEPTHS
+    mask: str = "corners"  # which bins and tiles are looked at; one of MASKS. It changes no pixel
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -55,6 +62,11 @@ class Precision:
                 raise TypeError(f"bigtri.Precision: {field.name} must be one of {names}, got {value!r}")
             if value not in allowed:
                 raise ValueError(f"bigtri.Precision: {field.name} must be one of {names}, got {value!r}")
+        if self.mask == "half_tile" and self.coverage.startswith("float32"):
+            raise ValueError(
+                f"bigtri.Precision: mask must not be 'half_tile' with coverage {self.coverage!r}: a value at a tile's centre, "
+                "and how far it can rise from there, are rounded apart from those at its pixels, and prove nothing about these"
+            )
 
 
 _SUBPIXEL_BITS = {"fixed4": 4, "fixed12": 12, "fixed16": 16}  # 8 for any other coverage
@@ -120,6 +132,7 @@ _LADDER = {
     "coverage_int64": Precision(coverage="fixed8_int64"),
     **{f"coverage_{coverage}": Precision(coverage=coverage) for coverage in COVERAGES if coverage.startswith("float32")},
     **{f"depth_{depth}": Precision(depth=depth) for depth in DEPTHS if depth != "float64_cell"},
+    **{f"mask_{mask}": Precision(mask=mask) for mask in MASKS if mask != "corners"},
 }
 RUNGS = {name: Arithmetic(name, precision) for name, precision in _LADDER.items()}
 PRECISIONS = tuple(RUNGS)

@@ -42,7 +42,7 @@ class Record(NamedTuple):
     corner: tuple[int, int, int]
     weights: tuple[Vector, Vector, Vector]
     clipped: bool
-    place: tuple[Vector, ...]  # px, float32 values, not snapped; empty unless the rung needs them
+    place: tuple[Vector, ...] = ()  # px, float32 values, not snapped; empty unless the rung needs them
 
 
 class _Vertex(NamedTuple):

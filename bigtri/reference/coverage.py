@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import Arithmetic
-from .numerics import Edges, edge_values_of_each, edges_of
+from .numerics import Edges, edge_values_of_each, edges_of, stepped_values
 from .records import Records
 
 Pixels = NDArray[np.int64]
@@ -70,17 +70,37 @@ def is_inside_each(sides: Sides, px: Pixels, py: Pixels) -> NDArray[np.bool_]:
 
 
 def touches(sides: Sides, left: Pixels, top: Pixels, size: int) -> NDArray[np.bool_]:
-    """bool [...]: whether no edge has all centres of the size x size px square from pixel (left, top) [...] on outside."""
-    last = size - 1
+    """bool [...]: whether no edge rejects the size x size px square from pixel (left, top) [...] on, by the rung's rule of masks.
+
+    `corners`: an edge rejects it that has all of its pixels' centres outside.
+    """
+    mask, last = sides.arithmetic.precision.mask, size - 1
+    if mask in ("bounds", "none"):
+        return np.ones(np.broadcast_shapes(np.shape(left), np.shape(top), sides.rises_x.shape[:-1]), np.bool_)
+    if mask == "half_tile":
+        middle, reach = _middle_and_reach(sides, left, top, size)
+        return np.all(middle + reach >= 0, axis=-1)
     highest_x, highest_y = last * sides.rises_x, last * sides.rises_y
     return np.all(_inside(sides, np.asarray(left)[..., None] + highest_x, np.asarray(top)[..., None] + highest_y), axis=-1)
 
 
 def fills(sides: Sides, left: Pixels, top: Pixels, size: int) -> NDArray[np.bool_]:
-    """bool [...]: whether every edge has all of them inside."""
-    last = size - 1
+    """bool [...]: whether every edge is known to have all of them inside, by the rung's rule of masks."""
+    mask, last = sides.arithmetic.precision.mask, size - 1
+    if mask in ("bounds", "none"):
+        return np.zeros(np.broadcast_shapes(np.shape(left), np.shape(top), sides.rises_x.shape[:-1]), np.bool_)
+    if mask == "half_tile":
+        middle, reach = _middle_and_reach(sides, left, top, size)
+        return np.all(middle - reach >= 0, axis=-1)
     lowest_x, lowest_y = last * ~sides.rises_x, last * ~sides.rises_y
     return np.all(_inside(sides, np.asarray(left)[..., None] + lowest_x, np.asarray(top)[..., None] + lowest_y), axis=-1)
+
+
+def _middle_and_reach(sides: Sides, left: Pixels, top: Pixels, size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Twice f at the middle of a square, and twice how far it rises or falls from there to the square's border; [..., 3]."""
+    edges = sides.edges
+    first = stepped_values(edges, left, top, sides.arithmetic)
+    return 2 * first + (size - 1) * (edges.dx - edges.dy), size * (np.abs(edges.dx) + np.abs(edges.dy))
 
 
 def _inside(sides: Sides, px: Pixels, py: Pixels) -> NDArray[np.bool_]:

@@ -32,7 +32,9 @@ def tile_mask(
     sides = sides_of(records, record, arithmetic)
     tile = TILE * np.arange(TILES)  # px from the bin's first pixel
     left, top = BIN * column + tile, BIN * row + tile[:, None]  # [Q, 1, column], [Q, row, 1], px
-    touched = touches(sides, left, top, TILE) & _meets_bbox(records, queue)
+    touched = touches(sides, left, top, TILE)
+    if arithmetic.precision.mask != "none":
+        touched &= _meets_bbox(records, queue)
     full = fills(sides, left, top, TILE) & touched
     return _as_bits(touched), _as_bits(full)
 

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
+from .. import reference
 from ..ops.rasterize import rasterize
-from ..precision import DEFAULT, Precision
+from ..precision import DEFAULT, EXACT, Arithmetic, Precision
+from ..reference.numerics import TILE
 from .truth import BACKGROUND, Seen
 
 
@@ -114,3 +116,25 @@ def likeness(image: NDArray[np.uint8], truth: NDArray[np.uint8]) -> Likeness:
     difference: Any = image.astype(np.int64) - truth
     psnr = float("inf") if not difference.any() else float(peak_signal_noise_ratio(truth, image, data_range=255))
     return Likeness(psnr, float(structural_similarity(truth, image, channel_axis=2, data_range=255)))
+
+
+class Masks(NamedTuple):
+    """Tiles of 8x8 px that a rung's masks name."""
+
+    touched: int
+    empty: int  # of these: without a pixel that is covered, which is what a better mask would spare
+    full: int  # known to be covered completely, so that no pixel is tested
+
+
+def masks(
+    positions: NDArray[np.float32], triangles: NDArray[np.int32], height: int, width: int, arithmetic: Arithmetic = EXACT
+) -> Masks:
+    """The tiles of all triangles, drawn through bins whatever their size."""
+    records, _ = reference.setup(positions, triangles, height, width, arithmetic=arithmetic)
+    bins = reference.binning(records, 0, arithmetic)
+    queue = bins.candidates[bins.kept]
+    touched, full = reference.tile_mask(records, queue, arithmetic)
+    spans = reference.scanline(records, queue, touched, bins.small[:0], arithmetic)
+    tiles = np.unique(np.stack([spans[:, 0], spans[:, 1] // TILE, spans[:, 2] // TILE], axis=1), axis=0)
+    count = [sum(int(mask).bit_count() for mask in of_all.view(np.uint64)) for of_all in (touched, full)]
+    return Masks(touched=count[0], empty=count[0] - len(tiles), full=count[1])

@@ -10,7 +10,7 @@ import pytest
 import bigtri
 from bigtri import native
 from bigtri.check import stages
-from bigtri.precision import DEPTHS, EXACT, PRECISIONS, RUNGS, Precision, arithmetic_of
+from bigtri.precision import COVERAGES, DEPTHS, EXACT, MASKS, PRECISIONS, RUNGS, Precision, arithmetic_of
 
 P = np.array([[-1, -1, 0, 1], [3, -1, 0.3, 1], [-1, 3, 0.9, 1]], np.float32)
 T = np.array([[0, 1, 2]], np.int32)
@@ -37,7 +37,12 @@ def test_rungs_step_down_on_one_axis_at_a_time() -> None:
     ("choices", "error", "text"),
     [
         ({"depth": "double"}, ValueError, "bigtri.Precision: depth must be one of 'float64_cell', .*'reversed', got 'double'"),
-        ({"coverage": 8}, TypeError, "bigtri.Precision: coverage must be one of 'fixed8', 'fixed4', got 8"),
+        (
+            {"coverage": "float32", "mask": "half_tile"},
+            ValueError,
+            "bigtri.Precision: mask must not be 'half_tile' with coverage 'float32': a value at a tile's centre",
+        ),
+        ({"coverage": 8}, TypeError, "bigtri.Precision: coverage must be one of 'fixed8', 'fixed4', .*, got 8"),
     ],
 )
 def test_a_choice_that_there_is_not_is_named(choices: dict, error: type[Exception], text: str) -> None:
@@ -95,5 +100,6 @@ def test_a_precision_draws_what_its_name_draws(name: str) -> None:
     assert np.array_equal(a.packed, b.packed)
 
 
-def test_every_choice_of_depth_has_a_rung() -> None:
-    assert {rung.precision.depth for rung in RUNGS.values()} == {*DEPTHS}
+def test_every_choice_has_a_rung() -> None:
+    for axis, choices in (("coverage", COVERAGES), ("depth", DEPTHS), ("mask", MASKS)):
+        assert {getattr(rung.precision, axis) for rung in RUNGS.values()} == {*choices}, axis

@@ -359,3 +359,38 @@ def test_masks_lose_no_pixel_that_the_rung_covers(rung: Arithmetic) -> None:
             assert covered or not f >> bit & 1
             checked += covered
     assert checked > 100
+
+
+def test_the_half_tile_test_is_that_of_the_whole_square() -> None:
+    """Against fractions: the square of a tile, its border included, and the edge moved by the fill rule's bias."""
+    rung = RUNGS["mask_half_tile"]
+    records, _ = setup(*soup(random_corners("large", 12)), HEIGHT, WIDTH, arithmetic=rung)
+    bins = binning(records, 0, rung)
+    queue = bins.candidates[bins.kept]
+    touched, full = tile_mask(records, queue, rung)
+    s = rung.subpixel
+    for (record, column, row), t, f in zip(queue[::7].tolist(), touched[::7].tolist(), full[::7].tolist(), strict=True):
+        x, y = records.xy[record].T.tolist()
+        x0, y0, x1, y1 = records.bbox[record].tolist()
+        for tile in range(0, 64, 5):
+            left, top = 64 * column + 8 * (tile % 8), 64 * row + 8 * (tile // 8)
+            any_inside, all_inside = True, True
+            for k in range(3):
+                p, q = (k + 1) % 3, (k + 2) % 3
+                dx, dy = x[q] - x[p], y[q] - y[p]
+                bias = 0 if dy < 0 or (dy == 0 and dx > 0) else -1
+                first = (dx * (s * top + s // 2 - y[p]) - dy * (s * left + s // 2 - x[p]) + bias) // s
+                # f at the corners of the square, half a pixel beyond the first and the last centre.
+                corners = [first + dx * b - dy * a for a in (-0.5, 7.5) for b in (-0.5, 7.5)]
+                any_inside, all_inside = any_inside and max(corners) >= 0, all_inside and min(corners) >= 0
+            meets = left < x1 and left + 8 > x0 and top < y1 and top + 8 > y0
+            assert (t >> tile & 1) == (any_inside and meets)
+            assert (f >> tile & 1) == (all_inside and meets)
+
+
+@pytest.mark.parametrize("name", ["mask_half_tile", "mask_bounds", "mask_none"])
+def test_a_mask_changes_no_pixel(name: str) -> None:
+    for kind in ("large", "slivers", "clipped"):
+        scene = soup(random_corners(kind, 60))
+        images = [rasterize(*scene, HEIGHT, WIDTH, threshold=0, arithmetic=RUNGS[one])[0] for one in ("exact", name)]
+        np.testing.assert_array_equal(*images)

@@ -173,3 +173,17 @@ def test_likeness_of_pictures() -> None:
     assert errors.likeness(image, image) == (float("inf"), 1.0)
     off_by_one = errors.likeness(image + np.uint8(1), image)
     assert off_by_one.psnr == pytest.approx(20 * np.log10(255)) and 0.9 < off_by_one.ssim < 1
+
+
+def test_what_masks_look_at() -> None:
+    """A diagonal band: the tighter the mask, the fewer tiles; none of them misses a tile that has a covered pixel."""
+    corners = np.array([[[-1, 1, 0, 1], [-0.9, 1, 0, 1], [1, -1, 0, 1]], [[-1, 1, 0, 1], [1, 1, 0, 1], [-1, -1, 0, 1]]])
+    found = {
+        name: errors.masks(*soup(corners), 200, 200, RUNGS[name])
+        for name in ("exact", "mask_half_tile", "mask_bounds", "mask_none")
+    }
+    touched = [one.touched for one in found.values()]
+    assert touched == sorted(set(touched)) and found["exact"].full > found["mask_half_tile"].full > found["mask_bounds"].full == 0
+    assert len({one.touched - one.empty for one in found.values()}) == 1
+    assert found["mask_bounds"].touched == 2 * 25**2 and found["mask_none"].touched == 2 * 32**2
+    assert found["exact"].empty < 10

@@ -80,6 +80,8 @@ BIGTRI_HD bool are_all_inside(const FloatEdge& e, int x, int y, int size) {
   return is_inside(e, x + (rises_x(e) ? 0 : size - 1), y + (rises_y(e) ? 0 : size - 1));
 }
 
+constexpr MaskRule kMaskRule = Rung::kMask;
+
 // f of one edge inside a bin in int64, for rungs in which it does not fit int32, or that have it in int64 always.
 struct WideEdge {
   int64_t f, sx, sy;
@@ -94,11 +96,12 @@ struct Bin {
   int left, top;
 };
 
-// Edge k of a Record or Primitive within a bin. False if it rejects the bin.
+// Edge k of a Record or Primitive within a bin. False if it has all of the bin's pixels outside.
 template <class Boxed>
 BIGTRI_HD bool enter_bin(const Boxed& r, int k, const Bin& bin, NarrowEdge* e) {
   const BinEdge b = bin_edge(edge_of(r.x, r.y, k), bin.left / kBin, bin.top / kBin);
-  *e = narrow(b);
+  // A rung whose masks keep such a bin gets an edge that has all pixels outside, since f may not fit int32.
+  *e = kMaskRule != MaskRule::kCorners && b.highest < 0 ? NarrowEdge{-1, 0, 0} : narrow(b);
   return b.highest >= 0;
 }
 template <class Boxed>
@@ -122,7 +125,7 @@ BIGTRI_HD bool is_inside(const FloatEdge& e, const Bin& bin, int i, int j) {
   return is_inside(e, bin.left + i, bin.top + j);
 }
 
-// Whether a pixel of the tile in a column and row of tiles is inside; whether all of them are.
+// Whether a pixel of the tile in a column and row of tiles is inside the edge; whether all of them are.
 template <class E>
 BIGTRI_HD bool touches_tile(const E& e, const Bin&, int column, int row) {
   return tile_edge(e, column, row) + tile_highest(e) >= 0;
@@ -138,32 +141,77 @@ BIGTRI_HD bool fills_tile(const FloatEdge& e, const Bin& bin, int column, int ro
   return are_all_inside(e, bin.left + column * kTile, bin.top + row * kTile, kTile);
 }
 
+// Twice f at the middle of a square of size x size px whose first pixel is (i, j) of the bin, and twice how far f rises
+// or falls from there to the square's border.
+struct HalfTile {
+  int64_t middle, reach;
+};
+BIGTRI_HD HalfTile half_tile(const WideEdge& e, int i, int j, int size) {
+  return {2 * (e.f + i * e.sx + j * e.sy) + (size - 1) * (e.sx + e.sy),
+          size * (max_of(e.sx, -e.sx) + max_of(e.sy, -e.sy))};
+}
+
 // All three edges of a record or primitive within a bin.
 struct EdgesInBin {
   EdgeInBin edge[3];
+  WideEdge whole[3];  // the same, for masks by half_tile alone
   Bin bin;
 };
 
-// False if one of them rejects the bin in this column and row.
+// False if the bin in this column and row is rejected.
 template <class Boxed>
 BIGTRI_HD bool edges_in_bin(const Boxed& r, int bin_x, int bin_y, EdgesInBin* e) {
   e->bin = {bin_x * kBin, bin_y * kBin};
-  for (int k = 0; k < 3; ++k)
-    if (!enter_bin(r, k, e->bin, &e->edge[k])) return false;
+  for (int k = 0; k < 3; ++k) {
+    const bool kept = enter_bin(r, k, e->bin, &e->edge[k]);
+    if (kMaskRule == MaskRule::kCorners && !kept) return false;
+    if (kMaskRule == MaskRule::kHalfTile) {
+      enter_bin(r, k, e->bin, &e->whole[k]);
+      const HalfTile h = half_tile(e->whole[k], 0, 0, kBin);
+      if (h.middle + h.reach < 0) return false;
+    }
+  }
   return true;
 }
 
-// is_inside of all three, touches_tile of all three, fills_tile of all three. & instead of && avoids branches.
+// Whether a pixel is inside all three. & instead of && avoids branches.
 BIGTRI_HD bool is_inside(const EdgesInBin& e, int i, int j) {
   return is_inside(e.edge[0], e.bin, i, j) & is_inside(e.edge[1], e.bin, i, j) & is_inside(e.edge[2], e.bin, i, j);
 }
+
+// Whether a tile is to be looked at, and whether it is known that all of its pixels are inside.
 BIGTRI_HD bool touches_tile(const EdgesInBin& e, int column, int row) {
+  if (kMaskRule == MaskRule::kBounds || kMaskRule == MaskRule::kNone) return true;
+  if (kMaskRule == MaskRule::kHalfTile) {
+    bool any = true;
+    for (int k = 0; k < 3; ++k) {
+      const HalfTile h = half_tile(e.whole[k], column * kTile, row * kTile, kTile);
+      any &= h.middle + h.reach >= 0;
+    }
+    return any;
+  }
   return touches_tile(e.edge[0], e.bin, column, row) & touches_tile(e.edge[1], e.bin, column, row) &
          touches_tile(e.edge[2], e.bin, column, row);
 }
 BIGTRI_HD bool fills_tile(const EdgesInBin& e, int column, int row) {
+  if (kMaskRule == MaskRule::kBounds || kMaskRule == MaskRule::kNone) return false;
+  if (kMaskRule == MaskRule::kHalfTile) {
+    bool all = true;
+    for (int k = 0; k < 3; ++k) {
+      const HalfTile h = half_tile(e.whole[k], column * kTile, row * kTile, kTile);
+      all &= h.middle - h.reach >= 0;
+    }
+    return all;
+  }
   return fills_tile(e.edge[0], e.bin, column, row) & fills_tile(e.edge[1], e.bin, column, row) &
          fills_tile(e.edge[2], e.bin, column, row);
+}
+
+// The tiles of a bin that are asked about, of those that the bbox of a Record or Primitive allows.
+template <class Boxed>
+BIGTRI_HD uint64_t allowed_tiles(const Boxed& r, const Bin& bin) {
+  if (kMaskRule == MaskRule::kNone) return ~0ull;
+  return bbox_tiles(r.x0 - bin.left, r.y0 - bin.top, r.x1 - bin.left, r.y1 - bin.top);
 }
 
 }  // namespace BIGTRI_NAMESPACE

@@ -18,6 +18,9 @@ enum class CoverageRule {
   kFloat32Strict,  // the same, all > 0
 };
 
+// Which bins and tiles are looked at.
+enum class MaskRule { kCorners, kHalfTile, kBounds, kNone };
+
 // How the depth of a pixel is computed and stored.
 enum class DepthRule {
   kFloat64Cell,
@@ -37,6 +40,7 @@ struct exact {
   static constexpr CoverageRule kCoverage = CoverageRule::kFixed;
   static constexpr bool kWideEdges = false;  // whether an edge function needs int64 at a pixel, or is given it
   static constexpr DepthRule kDepth = DepthRule::kFloat64Cell;
+  static constexpr MaskRule kMask = MaskRule::kCorners;
   // Whether the proofs that the variant bin_owned rests on hold, and its kernels are compiled.
   static constexpr bool kBinOwned = true;
 };
@@ -99,6 +103,16 @@ struct depth_reversed : ladder {
   static constexpr DepthRule kDepth = DepthRule::kReversed;
 };
 
+struct mask_half_tile : ladder {
+  static constexpr MaskRule kMask = MaskRule::kHalfTile;
+};
+struct mask_bounds : ladder {
+  static constexpr MaskRule kMask = MaskRule::kBounds;
+};
+struct mask_none : ladder {
+  static constexpr MaskRule kMask = MaskRule::kNone;
+};
+
 }  // namespace rungs
 }  // namespace bigtri
 
@@ -106,9 +120,11 @@ struct depth_reversed : ladder {
 #define BIGTRI_RUNGS(X) X(exact) X(subpixel4)
 
 // The rungs that show what an axis costs. They are left out of a build with BIGTRI_LADDER=0 (setup.py).
-#define BIGTRI_LADDER(X)                                                                                     \
-  X(subpixel12)                                                                                              \
-  X(subpixel16)                                                                                              \
-  X(coverage_int64) X(coverage_float32) X(coverage_float32_fused) X(coverage_float32_canonical)              \
-      X(coverage_float32_inclusive) X(coverage_float32_strict) X(depth_float32_cell) X(depth_float32_vertex) \
-          X(depth_float32_barycentric) X(depth_fixed_cell) X(depth_stored24) X(depth_stored16) X(depth_reversed)
+#define BIGTRI_LADDER(X)                                                                                             \
+  X(subpixel12)                                                                                                      \
+  X(subpixel16)                                                                                                      \
+  X(coverage_int64)                                                                                                  \
+  X(coverage_float32) X(coverage_float32_fused) X(coverage_float32_canonical) X(coverage_float32_inclusive)          \
+      X(coverage_float32_strict) X(depth_float32_cell) X(depth_float32_vertex) X(depth_float32_barycentric)          \
+          X(depth_fixed_cell) X(depth_stored24) X(depth_stored16) X(depth_reversed) X(mask_half_tile) X(mask_bounds) \
+              X(mask_none)

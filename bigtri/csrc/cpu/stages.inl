@@ -76,7 +76,7 @@ void stage_tile_mask(const int32_t* xy, const int32_t* bbox, const int32_t* queu
     int32_t x[3], y[3];
     read_vertices(xy + 6 * (int64_t)entry[0], x, y);
     TileMasks m = {0, 0};
-    if constexpr (kVectorEdges) {
+    if constexpr (kVectorEdges && kMaskRule == MaskRule::kCorners) {
       NarrowEdge e[3];
       if (narrow_edges(x, y, entry[1], entry[2], e)) m = tile_masks(e);
     } else {
@@ -84,7 +84,8 @@ void stage_tile_mask(const int32_t* xy, const int32_t* bbox, const int32_t* queu
       if (edges_in_bin(primitive_of(x, y), entry[1], entry[2], &e)) m = tile_masks_of(e);
     }
     const int left = entry[1] * kBin, top = entry[2] * kBin;
-    m.touched &= bbox_tiles(box[0] - left, box[1] - top, box[2] - left, box[3] - top);
+    if constexpr (kMaskRule != MaskRule::kNone)
+      m.touched &= bbox_tiles(box[0] - left, box[1] - top, box[2] - left, box[3] - top);
     touched[i] = (int64_t)m.touched;
     full[i] = (int64_t)(m.full & m.touched);
   }

@@ -36,7 +36,7 @@ BIGTRI_INLINE void draw_touched(const Record& r, const EdgesInBin& edges, int bi
                                 int width) {
   const DepthInCell depth = depth_in_cell(r, bin_x, bin_y);
   const int left = bin_x * kBin, top = bin_y * kBin;
-  for (uint64_t tiles = bbox_tiles(r.x0 - left, r.y0 - top, r.x1 - left, r.y1 - top); tiles; tiles &= tiles - 1) {
+  for (uint64_t tiles = allowed_tiles(r, edges.bin); tiles; tiles &= tiles - 1) {
     const int tile = __builtin_ctzll(tiles), column = tile % 8, row = tile / 8;
     if (!touches_tile(edges, column, row)) continue;
     const EdgesInBin* partly = fills_tile(edges, column, row) ? nullptr : &edges;

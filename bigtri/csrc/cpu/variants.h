@@ -19,3 +19,6 @@
 #define BIGTRI_CPU_VARIANTS_depth_stored24(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_depth_stored16(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_depth_reversed(X) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_mask_half_tile(X) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_mask_bounds(X) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_mask_none(X) X(two_stage)
