@@ -37,7 +37,18 @@ MASKS = {
     "bounds": "no edge rejects a bin or tile; the bounding box does",
     "none": "nothing rejects a tile of a bin that the bounding box touches",
 }
-_AXES = {"coverage": COVERAGES, "depth": DEPTHS, "mask": MASKS}
+CLIPS = {
+    "exact": "new vertices from the ends of original edges, by sums that are rounded once: neighbours get the same ones",
+    "float32": "new vertices from the polygon's own edges, in the order of its vertices, in float32",
+    "none": "a triangle that a plane cuts is not drawn",
+}
+ATTRIBUTES = {
+    "float64": "perspective at each pixel in float64, rounded once to float32",
+    "float32": "the same in float32",
+    "reciprocal": "the same in float32, by products with reciprocals: an integer start and two Newton steps",
+    "affine": "linear on the screen, without perspective",
+}
+_AXES = {"coverage": COVERAGES, "depth": DEPTHS, "mask": MASKS, "clip": CLIPS, "attributes": ATTRIBUTES}
 
 
 @dataclass(frozen=True)
@@ -53,6 +64,8 @@ class Precision:
     coverage: str = "fixed8"  # which pixels a triangle covers; one of COVERAGES
     depth: str = "float64_cell"  # how the depth of a pixel is computed and stored; one of DEPTHS
     mask: str = "corners"  # which bins and tiles are looked at; one of MASKS. It changes no pixel
+    clip: str = "exact"  # what becomes of a triangle that crosses a plane; one of CLIPS
+    attributes: str = "float64"  # how attributes are weighted at a pixel; one of ATTRIBUTES
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -133,6 +146,8 @@ _LADDER = {
     **{f"coverage_{coverage}": Precision(coverage=coverage) for coverage in COVERAGES if coverage.startswith("float32")},
     **{f"depth_{depth}": Precision(depth=depth) for depth in DEPTHS if depth != "float64_cell"},
     **{f"mask_{mask}": Precision(mask=mask) for mask in MASKS if mask != "corners"},
+    **{f"clip_{clip}": Precision(clip=clip) for clip in CLIPS if clip != "exact"},
+    **{f"attributes_{rule}": Precision(attributes=rule) for rule in ATTRIBUTES if rule != "float64"},
 }
 RUNGS = {name: Arithmetic(name, precision) for name, precision in _LADDER.items()}
 PRECISIONS = tuple(RUNGS)

@@ -96,14 +96,17 @@ def _sub_triangles(corners: list[Vector], height: int, width: int, arithmetic: A
         place = [_place32(c, height, width) for c in corners]
         return [(xy, [_depth32(c, arithmetic) for c in corners], [c[3] for c in corners], (0, 1, 2), unit, False, place)]
 
+    if arithmetic.precision.clip == "none":
+        return []
     first = corners.index(min(corners))
     corner = (first, (first + 1) % 3, (first + 2) % 3)
     slots = [_Vertex(corners[c], unit[m], frozenset({m, (m + 2) % 3})) for m, c in enumerate(corner)]
     polygon = slots
     for name, plane in planes.items():
         if any(outside[name]):
-            polygon = _cut(polygon, slots, name, plane)
-    if len(polygon) < 3 or min(v.position[3] for v in polygon) <= 0:
+            in_float32 = arithmetic.precision.clip == "float32"
+            polygon = _cut_in_float32(polygon, name, plane) if in_float32 else _cut(polygon, slots, name, plane)
+    if len(polygon) < 3 or not all(v.position[3] > 0 and all(map(isfinite, v.position)) for v in polygon):
         return []
 
     snapped = [
@@ -154,6 +157,25 @@ def _cut(polygon: list[_Vertex], slots: list[_Vertex], name: str, plane: Plane) 
                     p, q = begin, end
             position, weights = _meet(p, q, plane)
             result.append(_Vertex(position, weights, edges, frozenset({name}) | (a.made & b.made)))
+    return result
+
+
+def _cut_in_float32(polygon: list[_Vertex], name: str, plane: Plane) -> list[_Vertex]:
+    """Every operation is one of float64 on float32 values, rounded again: the same as in float32 (``_round32``)."""
+    (i, c), (j, d) = plane
+    distance = [_round32(_round32(c * v.position[i]) + _round32(d * v.position[j])) for v in polygon]
+    result = []
+    for k, a in enumerate(polygon):
+        b, da, db = polygon[(k + 1) % len(polygon)], distance[k], distance[(k + 1) % len(polygon)]
+        if da >= 0:
+            result.append(a)
+        if (da >= 0) != (db >= 0):
+            share = _round32(da / _round32(da - db))
+            position, weights = (
+                tuple(_round32(x + _round32(_round32(y - x) * share)) for x, y in zip(p, q, strict=True))
+                for p, q in ((a.position, b.position), (a.weights, b.weights))
+            )
+            result.append(_Vertex(position, weights, a.edges & b.edges, frozenset({name}) | (a.made & b.made)))
     return result
 
 
@@ -457,6 +479,47 @@ def _bits_of(value: float) -> int:
 
 def _float_of(bits: int) -> float:
     return struct.unpack("<f", struct.pack("<i", bits))[0]
+
+
+# --- Attributes --------------------------------------------------------------------------------------------------------------
+
+
+@default_float_mode
+def weights(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> Vector:
+    """The float32 weights of the record's slots that docs/numerics.md sections 9 and 17 give pixel (px, py)."""
+    rule = arithmetic.precision.attributes
+    in_float32 = rule in ("float32", "reciprocal")
+    rounded = _round32 if in_float32 else float
+    whole = _int_to_float32 if in_float32 else float
+
+    def over(value: float, by: float) -> float:
+        if rule != "reciprocal":
+            return rounded(value / by)
+        once = _newton(_float_of(0x7EF311C7 - _bits_of(by)), by)
+        return _round32(value * _newton(once, by))
+
+    def summed(terms: Sequence[float]) -> float:
+        return rounded(rounded(terms[0] + terms[1]) + terms[2])
+
+    screen = [over(whole(e), whole(record.area)) for e in _edge_values(record, px, py, arithmetic)]
+    rows = [[rounded(t) for t in row] for row in record.weights]
+    if rule == "affine":
+        rows = [[t / ((row[0] + row[1]) + row[2]) for t in row] for row in rows]
+        u = screen
+    elif not record.clipped and len(set(record.w)) == 1:
+        return tuple(_round32(b) for b in screen)
+    else:
+        u = [over(one, rounded(w)) for one, w in zip(screen, record.w, strict=True)]
+    if record.clipped:
+        u = [summed([rounded(u[k] * rows[k][m]) for k in range(3)]) for m in range(3)]
+    if rule == "affine":
+        return tuple(_round32(b) for b in u)
+    total = summed(u)
+    return tuple(_round32(over(one, total)) for one in u)
+
+
+def _newton(reciprocal: float, of: float) -> float:
+    return _round32(reciprocal * _round32(2 - _round32(of * reciprocal)))
 
 
 # --- The visibility buffer ---------------------------------------------------------------------------------------------------

@@ -63,9 +63,9 @@ def setup(
     # Inside all planes w >= 0, and w = 0 only at the origin of clip space, which is nowhere on the screen.
     whole = np.flatnonzero(candidate & uncut & (corners[:, :, W] > 0).all(axis=1))
     parts = [_snap_whole(whole, corners[whole], height, width, arithmetic)]
-    cut = np.flatnonzero(candidate & ~uncut)
+    cut = np.flatnonzero(candidate & ~uncut & (arithmetic.precision.clip != "none"))
     if cut.size:
-        polygons, corner = clip(corners[cut].astype(np.float64), planes)
+        polygons, corner = clip(corners[cut].astype(np.float64), planes, arithmetic)
         parts.append(_snap_polygons(cut, polygons, corner, height, width, arithmetic))
     fields: list[Any] = [np.concatenate(field) for field in zip(*parts, strict=True)]
     order = np.argsort(fields[0], kind="stable")  # by triangle; stable: sub-triangles stay in fan order

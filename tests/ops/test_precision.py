@@ -10,7 +10,7 @@ import pytest
 import bigtri
 from bigtri import native
 from bigtri.check import stages
-from bigtri.precision import COVERAGES, DEPTHS, EXACT, MASKS, PRECISIONS, RUNGS, Precision, arithmetic_of
+from bigtri.precision import ATTRIBUTES, CLIPS, COVERAGES, DEPTHS, EXACT, MASKS, PRECISIONS, RUNGS, Precision, arithmetic_of
 
 P = np.array([[-1, -1, 0, 1], [3, -1, 0.3, 1], [-1, 3, 0.9, 1]], np.float32)
 T = np.array([[0, 1, 2]], np.int32)
@@ -101,5 +101,11 @@ def test_a_precision_draws_what_its_name_draws(name: str) -> None:
 
 
 def test_every_choice_has_a_rung() -> None:
-    for axis, choices in (("coverage", COVERAGES), ("depth", DEPTHS), ("mask", MASKS)):
+    for axis, choices in (
+        ("coverage", COVERAGES),
+        ("depth", DEPTHS),
+        ("mask", MASKS),
+        ("clip", CLIPS),
+        ("attributes", ATTRIBUTES),
+    ):
         assert {getattr(rung.precision, axis) for rung in RUNGS.values()} == {*choices}, axis
