@@ -54,6 +54,8 @@ def test_the_rungs_are_those_of_the_header() -> None:
         wide = rung.subpixel_bits > 8 or rung.precision.coverage == "fixed8_int64"
         assert constants[name]["kWideEdges"] == ("true" if wide else "false"), name
         assert constants[name]["kMask"] == "k" + rung.precision.mask.title().replace("_", ""), name
+        for constant, choice in (("kClip", rung.precision.clip), ("kAttributes", rung.precision.attributes)):
+            assert constants[name][constant] == "k" + choice.title(), name
         assert constants[name]["kDepth"] == "k" + rung.precision.depth.title().replace("_", ""), name
     listed = [re.findall(r"X\((\w+)\)", text.partition(f"#define {lists}(X)")[2]) for lists in ("BIGTRI_RUNGS", "BIGTRI_LADDER")]
     assert tuple(listed[0]) == PRECISIONS, "BIGTRI_RUNGS, and then BIGTRI_LADDER, in the order of RUNGS"

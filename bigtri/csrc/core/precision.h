@@ -21,6 +21,12 @@ enum class CoverageRule {
 // Which bins and tiles are looked at.
 enum class MaskRule { kCorners, kHalfTile, kBounds, kNone };
 
+// What becomes of a triangle that crosses a plane.
+enum class ClipRule { kExact, kFloat32, kNone };
+
+// How attributes are weighted at a pixel.
+enum class AttributeRule { kFloat64, kFloat32, kReciprocal, kAffine };
+
 // How the depth of a pixel is computed and stored.
 enum class DepthRule {
   kFloat64Cell,
@@ -41,6 +47,8 @@ struct exact {
   static constexpr bool kWideEdges = false;  // whether an edge function needs int64 at a pixel, or is given it
   static constexpr DepthRule kDepth = DepthRule::kFloat64Cell;
   static constexpr MaskRule kMask = MaskRule::kCorners;
+  static constexpr ClipRule kClip = ClipRule::kExact;
+  static constexpr AttributeRule kAttributes = AttributeRule::kFloat64;
   // Whether the proofs that the variant bin_owned rests on hold, and its kernels are compiled.
   static constexpr bool kBinOwned = true;
 };
@@ -113,6 +121,23 @@ struct mask_none : ladder {
   static constexpr MaskRule kMask = MaskRule::kNone;
 };
 
+struct clip_float32 : ladder {
+  static constexpr ClipRule kClip = ClipRule::kFloat32;
+};
+struct clip_none : ladder {
+  static constexpr ClipRule kClip = ClipRule::kNone;
+};
+
+struct attributes_float32 : ladder {
+  static constexpr AttributeRule kAttributes = AttributeRule::kFloat32;
+};
+struct attributes_reciprocal : ladder {
+  static constexpr AttributeRule kAttributes = AttributeRule::kReciprocal;
+};
+struct attributes_affine : ladder {
+  static constexpr AttributeRule kAttributes = AttributeRule::kAffine;
+};
+
 }  // namespace rungs
 }  // namespace bigtri
 
@@ -120,11 +145,12 @@ struct mask_none : ladder {
 #define BIGTRI_RUNGS(X) X(exact) X(subpixel4)
 
 // The rungs that show what an axis costs. They are left out of a build with BIGTRI_LADDER=0 (setup.py).
-#define BIGTRI_LADDER(X)                                                                                             \
-  X(subpixel12)                                                                                                      \
-  X(subpixel16)                                                                                                      \
-  X(coverage_int64)                                                                                                  \
-  X(coverage_float32) X(coverage_float32_fused) X(coverage_float32_canonical) X(coverage_float32_inclusive)          \
-      X(coverage_float32_strict) X(depth_float32_cell) X(depth_float32_vertex) X(depth_float32_barycentric)          \
-          X(depth_fixed_cell) X(depth_stored24) X(depth_stored16) X(depth_reversed) X(mask_half_tile) X(mask_bounds) \
-              X(mask_none)
+#define BIGTRI_LADDER(X)                                                                                               \
+  X(subpixel12)                                                                                                        \
+  X(subpixel16)                                                                                                        \
+  X(coverage_int64)                                                                                                    \
+  X(coverage_float32)                                                                                                  \
+  X(coverage_float32_fused) X(coverage_float32_canonical) X(coverage_float32_inclusive) X(coverage_float32_strict)     \
+      X(depth_float32_cell) X(depth_float32_vertex) X(depth_float32_barycentric) X(depth_fixed_cell) X(depth_stored24) \
+          X(depth_stored16) X(depth_reversed) X(mask_half_tile) X(mask_bounds) X(mask_none) X(clip_float32)            \
+              X(clip_none) X(attributes_float32) X(attributes_reciprocal) X(attributes_affine)

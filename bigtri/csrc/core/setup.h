@@ -256,12 +256,14 @@ enum class Fate { kDropped, kNothing, kWhole, kClip };
 BIGTRI_HD Fate fate_of(uint32_t a, uint32_t b, uint32_t c) {
   const uint32_t any = (a | b | c) & ~kScreenMask;
   if (any & kNonFinite) return Fate::kDropped;
-  if (a & b & c & (kOutsideMask | kScreenMask)) return Fate::kNothing;
+  // A vertex that float32 made may lie far from where it should, and on the screen.
+  constexpr uint32_t kRejecting = Rung::kClip == ClipRule::kFloat32 ? kOutsideMask : kOutsideMask | kScreenMask;
+  if (a & b & c & kRejecting) return Fate::kNothing;
   if (any == 0) return Fate::kWhole;
   // A flag is set here. If it is no plane's, it is kBehind: some vertex has w <= 0. It is (0, 0, 0, 0), which has no
   // place on the screen: the near and depth distances add up to 5w >= 0, so w = 0; these two then give z = 0, and the
   // others x = y = 0.
-  return (any & kOutsideMask) ? Fate::kClip : Fate::kNothing;
+  return (any & kOutsideMask) && Rung::kClip != ClipRule::kNone ? Fate::kClip : Fate::kNothing;
 }
 
 }  // namespace BIGTRI_NAMESPACE

@@ -150,7 +150,7 @@ int64_t stage_scan_rows(const int32_t* xy, const int32_t* bbox, int32_t record, 
     } else {
       for (int k = 0; k < 3; ++k) {
         const Edge e = edge_of(px, py, k);
-        cut_span(edge_steps(e, bbox[0], y), -(int64_t)e.dy, &lower, &upper);
+        cut_span(edge_steps(e, bbox[0], y), -(EdgeNumber)e.dy, &lower, &upper);
       }
       n = put_span(record, y, bbox[0] + lower, bbox[0] + upper, spans, n);
     }

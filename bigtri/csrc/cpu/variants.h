@@ -22,3 +22,8 @@
 #define BIGTRI_CPU_VARIANTS_mask_half_tile(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_mask_bounds(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_mask_none(X) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_clip_float32(X) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_clip_none(X) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_attributes_float32(X) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_attributes_reciprocal(X) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_attributes_affine(X) X(two_stage)
