@@ -75,13 +75,13 @@ void stage_tile_mask(const int32_t* xy, const int32_t* bbox, const int32_t* queu
     const int32_t *entry = queue + 3 * i, *box = bbox + 4 * (int64_t)entry[0];
     int32_t x[3], y[3];
     read_vertices(xy + 6 * (int64_t)entry[0], x, y);
+    NarrowEdge e[3];
     TileMasks m = {0, 0};
     if constexpr (kVectorEdges && kMaskRule == MaskRule::kCorners) {
-      NarrowEdge e[3];
       if (narrow_edges(x, y, entry[1], entry[2], e)) m = tile_masks(e);
     } else {
-      EdgesInBin e;
-      if (edges_in_bin(primitive_of(x, y), entry[1], entry[2], &e)) m = tile_masks_of(e);
+      EdgesInBin edges;
+      if (edges_in_bin(primitive_of(x, y), entry[1], entry[2], &edges)) m = tile_masks_of(edges);
     }
     const int left = entry[1] * kBin, top = entry[2] * kBin;
     if constexpr (kMaskRule != MaskRule::kNone)
