@@ -122,7 +122,7 @@ def _weighted(values: list[NDArray[np.floating]], by: NDArray[np.floating]) -> N
 
 
 def _times_reciprocal(value: NDArray[np.float32], by: NDArray[np.float32]) -> NDArray[np.float32]:
-    """``value / by`` for positive ``by``, as a product with a reciprocal that is good for some 22 bits, in float32."""
+    """``value / by`` for positive ``by``, as a product with a reciprocal that is good for 17 bits, in float32."""
     two = np.float32(2)
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         start = (np.int32(0x7EF311C7) - by.view(np.int32)).view(np.float32)  # the exponent negated, and a line for the mantissa

@@ -30,7 +30,7 @@ template <bool kTested>
 struct TestedRow {};
 template <>
 struct TestedRow<true> {
-  int32_t y;  // px
+  int32_t y = 0;  // px
 };
 BIGTRI_INLINE void set_row(TestedRow<true>* row, int64_t y) { row->y = (int32_t)y; }
 BIGTRI_INLINE void set_row(TestedRow<false>*, int64_t) {}
