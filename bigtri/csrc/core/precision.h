@@ -145,13 +145,13 @@ struct attributes_affine : ladder {
 #define BIGTRI_RUNGS(X) X(exact) X(subpixel4)
 
 // The rungs that show what an axis costs. They are left out of a build with BIGTRI_LADDER=0 (setup.py).
-#define BIGTRI_LADDER(X)                                                                                           \
-  X(subpixel12)                                                                                                    \
-  X(subpixel16)                                                                                                    \
-  X(coverage_int64)                                                                                                \
-  X(coverage_float32)                                                                                              \
-  X(coverage_float32_fused)                                                                                        \
-  X(coverage_float32_canonical) X(coverage_float32_inclusive) X(coverage_float32_strict) X(depth_float32_cell)     \
-      X(depth_float32_vertex) X(depth_float32_barycentric) X(depth_fixed_cell) X(depth_stored24) X(depth_stored16) \
-          X(depth_reversed) X(mask_half_tile) X(mask_bounds) X(mask_none) X(clip_float32) X(clip_none)             \
-              X(attributes_float32) X(attributes_reciprocal) X(attributes_affine)
+// clang-format off
+#define BIGTRI_LADDER(X) \
+  X(subpixel12) X(subpixel16) X(coverage_int64) X(coverage_float32) X(coverage_float32_fused) \
+  X(coverage_float32_canonical) X(coverage_float32_inclusive) X(coverage_float32_strict) \
+  X(depth_float32_cell) X(depth_float32_vertex) X(depth_float32_barycentric) X(depth_fixed_cell) \
+  X(depth_stored24) X(depth_stored16) X(depth_reversed) \
+  X(mask_half_tile) X(mask_bounds) X(mask_none) \
+  X(clip_float32) X(clip_none) \
+  X(attributes_float32) X(attributes_reciprocal) X(attributes_affine)
+// clang-format on
