@@ -108,6 +108,23 @@ def test_stages_and_attributes_of_a_rung(name: str, precision: str) -> None:
         assert a.tobytes() == b.tobytes() if a.ndim else a == b
 
 
+@pytest.mark.parametrize("precision", [name for name in COMPILED if name not in STAGED])
+@pytest.mark.parametrize("name", FEW[:4])
+def test_attributes_of_a_rung_without_stages(name: str, precision: str) -> None:
+    positions, triangles, resolution = make(name)
+    colors = np.random.default_rng(0).random((len(positions), 3), np.float32)
+    seen = bigtri.rasterize(positions, triangles, resolution, precision=precision)
+    for draw in (bigtri.barycentrics, lambda *given, **how: bigtri.interpolate(colors, *given, **how)):
+        images = [draw(seen, positions, triangles, precision=precision, backend=b) for b in ("reference", "native")]
+        assert np.asarray(images[0]).tobytes() == np.asarray(images[1]).tobytes()
+    with pytest.raises(ValueError, match=f"bigtri.setup: backend must be 'reference' with precision '{precision}'"):
+        stages.setup(positions, triangles, *resolution, backend="native", precision=precision)
+    with pytest.raises(RuntimeError, match="bigtri::setup: precision must be one whose records hold all that coverage needs"):
+        torch.ops.bigtri.setup(
+            *map(torch.from_numpy, (positions, triangles)), *resolution, cull="none", scissor=[0, 0, 1, 1], precision=precision
+        )
+
+
 def batch_of(case: Case) -> torch.Tensor:
     """Views that touch different parts of the image, all of it, and none of it."""
     moved = [case.positions, case.positions * np.float32([0.5, -1, 1, 1]), np.full_like(case.positions, 9), case.positions[::-1]]
