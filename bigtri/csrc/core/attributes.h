@@ -44,27 +44,35 @@ BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const 
   for (int m = 0; m < 3; ++m) b[m] = b[m] / sum;
 }
 
-// v / by in float32, by the rung's rule: a division, or a product with a reciprocal that is specified down to its bits.
-BIGTRI_HD float float_over(float v, float by) {
-  if constexpr (kAttributeRule != AttributeRule::kReciprocal) return v / by;
-  const float start = bits_float(0x7ef311c7u - float_bits(by));  // the exponent negated, and a line for the mantissa
-  const float once = start * (2.0f - by * start);
-  return v * (once * (2.0f - by * once));
+// 1 / v for positive v, specified down to its bits: an integer start and two Newton steps.
+BIGTRI_HD float reciprocal(float v) {
+  const float start = bits_float(0x7ef311c7u - float_bits(v));  // the exponent negated, and a line for the mantissa
+  const float once = start * (2.0f - v * start);
+  return once * (2.0f - v * once);
 }
 
-// The same as barycentrics, in float32: e and what else is read are rounded to float32 first.
-template <int kRecords>
-BIGTRI_HD void float_barycentrics(const ParentOf<kRecords>& parent, int record, const double e[3], float b[3]) {
+// v / by in float32, by the rung's rule. F and B are float, or vectors of it.
+template <class F, class B>
+BIGTRI_HD F float_over(const F& v, const B& by) {
+  if constexpr (kAttributeRule == AttributeRule::kReciprocal)
+    return v * reciprocal(by);
+  else
+    return v / by;
+}
+
+// The same as barycentrics, in float32: what is read is rounded to that first, as e is. F is float, or a vector of it.
+template <int kRecords, class F>
+BIGTRI_HD void float_barycentrics(const ParentOf<kRecords>& parent, int record, const F e[3], F b[3]) {
   const float area = (float)parent.primitive[record].area;
-  for (int k = 0; k < 3; ++k) b[k] = float_over((float)e[k], area);
+  for (int k = 0; k < 3; ++k) b[k] = float_over(e[k], area);
   if (parent.affine) return;
   for (int k = 0; k < 3; ++k) b[k] = float_over(b[k], (float)parent.w[record][k]);
   if (parent.clipped) {
     const double (*t)[3] = parent.weights[record];
-    const float u0 = b[0], u1 = b[1], u2 = b[2];
+    const F u0 = b[0], u1 = b[1], u2 = b[2];
     for (int m = 0; m < 3; ++m) b[m] = (u0 * (float)t[0][m] + u1 * (float)t[1][m]) + u2 * (float)t[2][m];
   }
-  const float sum = (b[0] + b[1]) + b[2];
+  const F sum = (b[0] + b[1]) + b[2];
   for (int m = 0; m < 3; ++m) b[m] = float_over(b[m], sum);
 }
 

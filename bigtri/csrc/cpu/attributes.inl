@@ -73,16 +73,12 @@ BIGTRI_INLINE void test_eight(const Parent& parent, const TestedRow<true>& row, 
 }
 BIGTRI_INLINE void test_eight(const Parent&, const TestedRow<false>&, int, int64_t, int, f64x8[3], bool[8]) {}
 
-// float_barycentrics of eight pixels. b holds float32 values.
-BIGTRI_INLINE void float_barycentrics(const Parent& parent, int record, const f64x8 e[3], f64x8 b[3]) {
-  double of[3][8];
-  for (int i = 0; i < 8; ++i) {
-    const double at[3] = {e[0][i], e[1][i], e[2][i]};
-    float one[3];
-    bigtri::float_barycentrics(parent, record, at, one);
-    for (int k = 0; k < 3; ++k) of[k][i] = one[k];
-  }
-  for (int k = 0; k < 3; ++k) b[k] = load<f64x8>(of[k]);
+// float_barycentrics, in vectors of float64: b holds float32 values.
+BIGTRI_INLINE void barycentrics_in_float(const Parent& parent, int record, const f64x8 e[3], f64x8 b[3]) {
+  const f32x8 rounded[3] = {to_float(e[0]), to_float(e[1]), to_float(e[2])};
+  f32x8 weight[3];
+  float_barycentrics(parent, record, rounded, weight);
+  for (int k = 0; k < 3; ++k) b[k] = to_double(weight[k]);
 }
 
 // Computes the pixels x to x + 7, all of one record, and writes the first n. A pixel that the record does not cover
@@ -99,7 +95,7 @@ void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowR
       for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= row.least[k];
     }
   if constexpr (kFloatWeights)
-    float_barycentrics(parent, row.record, e, b);
+    barycentrics_in_float(parent, row.record, e, b);
   else
     barycentrics(parent, row.record, e, b);
   const f32x8 weight[3] = {to_float(b[0]), to_float(b[1]), to_float(b[2])};
