@@ -3,6 +3,8 @@
 With a torch built for CUDA and a CUDA toolkit (CUDA_HOME, or nvcc on the PATH) the CUDA kernels are built too, as `bigtri._cuda`
 beside it; no GPU has to be there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 insists on them. TORCH_CUDA_ARCH_LIST says for
 which architectures ("7.5;9.0;12.0+PTX"); by default for the GPUs of this machine, or for all of these where there is none.
+
+BIGTRI_LADDER=0 leaves out the rungs that are there to show what accuracy costs (docs/accuracy.md).
 """
 
 import os
@@ -37,7 +39,11 @@ CUDA_FLAGS += ["-Xcompiler", "-ffp-contract=off,-fvisibility=hidden"]
 
 
 X86 = platform.machine() in ("x86_64", "AMD64")
-RUNGS = re.findall(r"\bX\((\w+)\)", (CSRC / "core/precision.h").read_text().partition("#define BIGTRI_RUNGS(X)")[2])
+PRECISION = (CSRC / "core/precision.h").read_text()
+RUNGS, LADDER = (
+    re.findall(r"\bX\((\w+)\)", re.search(rf"#define {name}\(X\)((?:.*\\\n)*.*)", PRECISION)[1])
+    for name in ("BIGTRI_RUNGS", "BIGTRI_LADDER")
+)
 
 
 def with_cuda() -> bool:
@@ -73,22 +79,39 @@ def per_rung(source: Path, rung: str, counting: bool = False) -> str:
     return written(folder / source.name, f'{text}#include "{source.relative_to(CSRC)}"\n')
 
 
+def with_ladder() -> bool:
+    """Whether to build the rungs of the ladder for the CPU."""
+    wanted = os.environ.get("BIGTRI_LADDER", "1")
+    if wanted not in ("0", "1"):
+        raise SystemExit(f"BIGTRI_LADDER must be 0 or 1, got {wanted!r}")
+    return wanted == "1"
+
+
+def variants_of(kind: str) -> dict[str, list[str]]:
+    """By rung, the variants that are compiled for it; ``kind`` is "cpu" or "cuda"."""
+    listed = re.findall(rf"#define BIGTRI_{kind.upper()}_VARIANTS_(\w+)\(X\)(.*)", (CSRC / kind / "variants.h").read_text())
+    return {rung: re.findall(r"\bX\((\w+)\)", names) for rung, names in listed}
+
+
 def cpu_sources() -> list[str]:
     once = [CSRC / "cpu" / name for name in ("dispatch.cpp", "index_range.cpp", "rungs.cpp", "thread_pool.cpp")]
     default = [CSRC / "cpu/shading.cpp"]  # no rung differs in it
     isas = [f for f in sorted(CSRC.glob("cpu/isa_*.cpp")) if X86 or f.stem == "isa_baseline"]
     each = [f for f in sorted(CSRC.glob("cpu/*.cpp")) if f not in once + default and not f.stem.startswith("isa_")]
     counted = [f for f in each if f.stem not in ("attributes", "stages")] + [CSRC / "cpu/isa_baseline.cpp"]
+    variants = variants_of("cpu")
+    elsewhere = {rung: {name for names in variants.values() for name in names} - {*variants[rung]} for rung in variants}
     files = [str(f) for f in [*once, *sorted(f for f in CSRC.glob("torch/*.cpp") if not f.name.startswith("cuda_"))]]
     files += [per_rung(f, RUNGS[0]) for f in default]
-    files += [per_rung(f, rung) for rung in RUNGS for f in [*each, *isas]]
+    files += [
+        per_rung(f, rung) for rung in RUNGS + with_ladder() * LADDER for f in [*each, *isas] if f.stem not in elsewhere[rung]
+    ]
     files += [per_rung(f, rung, counting=True) for rung in RUNGS for f in counted]
     return files
 
 
 def cuda_sources() -> list[str]:
-    listed = re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\)(.*)", (CSRC / "cuda/variants.h").read_text())
-    variants = {rung: re.findall(r"\bX\((\w+)\)", names) for rung, names in listed}
+    variants = variants_of("cuda")
     files = sorted(CSRC.glob("cuda/*.cu"))
     each = [f for f in files if "BIGTRI_NAMESPACE" in f.read_text()]  # depends on the rung
     found = [str(f) for f in [*(f for f in files if f not in each), *sorted(CSRC.glob("torch/cuda_*.cpp"))]]
@@ -99,7 +122,7 @@ def cuda_sources() -> list[str]:
 
 
 def extensions() -> list[CppExtension]:
-    flags = [*FLAGS, f"-DTORCH_TARGET_VERSION={TARGET_TORCH}"]
+    flags = [*FLAGS, f"-DTORCH_TARGET_VERSION={TARGET_TORCH}", *["-DBIGTRI_WITH_LADDER"] * with_ladder()]
     link = []
     if sanitize := os.environ.get("BIGTRI_SANITIZE"):  # e.g. address,undefined; CONTRIBUTING.md says how to run it
         # Python's own flags have -fwrapv, under which no signed overflow is undefined, so that none would be reported.

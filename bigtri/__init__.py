@@ -16,6 +16,7 @@ _HOMES = {
     "Light": ".scene.scene",
     "Material": ".scene.scene",
     "ModelWarning": ".scene.readers.model",
+    "Precision": ".precision",
     "Scene": ".scene.scene",
     "Visibility": ".ops.rasterize",
     "barycentrics": ".ops.interpolate",
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from .ops.rasterize import Visibility, rasterize
     from .ops.shading import decode_srgb, encode_srgb, lambert
     from .ops.texture import sample_texture
+    from .precision import Precision
     from .rendering import views
     from .rendering.render import render
     from .scene.camera import Camera
@@ -51,6 +53,7 @@ __all__ = [
     "Light",
     "Material",
     "ModelWarning",
+    "Precision",
     "Scene",
     "Visibility",
     "barycentrics",

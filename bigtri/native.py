@@ -16,7 +16,7 @@ from typing import NamedTuple
 import torch
 
 from . import fakes, warn
-from .precision import DEFAULT, PRECISIONS
+from .precision import DEFAULT
 
 ISA_LEVELS = ("baseline", "avx2", "avx512")
 
@@ -84,12 +84,13 @@ def _parsed(text: str) -> dict[str, Variant]:
 
 
 def _registry() -> dict[str, dict[str, dict[str, Variant]]]:
-    """Per kind of device and rung, its variants by name, the one that "auto" means first."""
+    """Per kind of device and rung that is compiled for it, its variants by name, the one that "auto" means first."""
     found = {}
     if not _LIBRARIES["cpu"].error:
-        found["cpu"] = {rung: _parsed(torch.ops.bigtri.variants(rung)) for rung in PRECISIONS}
+        found["cpu"] = {rung: _parsed(torch.ops.bigtri.variants(rung)) for rung in torch.ops.bigtri.rungs().split(", ")}
         if hasattr(torch.ops.bigtri, "cuda_variants"):  # the kernels for CUDA come with it
-            found["cuda"] = {rung: _parsed(torch.ops.bigtri.cuda_variants(rung)) for rung in PRECISIONS}
+            rungs = torch.ops.bigtri.cuda_rungs().split(", ")
+            found["cuda"] = {rung: _parsed(torch.ops.bigtri.cuda_variants(rung)) for rung in rungs}
     return found
 
 

@@ -43,7 +43,7 @@ def parser(program: str = "bigtri bench") -> argparse.ArgumentParser:
 
 
 HEADER = (
-    f"{'scene':8} {'size':>10} {'threads':>7} {'isa':>8} {'variant':>10} {'precision':>10} "
+    f"{'scene':8} {'size':>10} {'threads':>7} {'isa':>8} {'variant':>10} {'precision':>25} "
     f"{'median ms':>10} {'min':>9} {'p25':>9} {'p75':>9} {'Mfrag/s':>9}"
 )
 
@@ -51,7 +51,7 @@ HEADER = (
 def table_line(row: Row) -> str:
     rate = f"{row.fragments / row.ms_median / 1e3:9.0f}" if row.fragments is not None else f"{'':9}"
     return (
-        f"{row.scene:8} {f'{row.width}x{row.height}':>10} {row.threads:7} {row.isa:>8} {row.variant:>10} {row.precision:>10} "
+        f"{row.scene:8} {f'{row.width}x{row.height}':>10} {row.threads:7} {row.isa:>8} {row.variant:>10} {row.precision:>25} "
         f"{row.ms_median:10.3f} {row.ms_min:9.3f} {row.ms_p25:9.3f} {row.ms_p75:9.3f} {rate}"
     )
 
@@ -88,7 +88,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         cases = [(name, width, height, scenes.make(name, width, height, options.seed)) for (width, height), name in sizes]
     except ValueError as error:
         command.error(str(error))
-    settings = list(itertools.product(precisions, variants, options.threads or [torch.get_num_threads()], isas))
+    rungs = native.REGISTRY["cpu"]
+    if missing := [precision for precision in precisions if precision not in rungs]:
+        if options.precision != "all":
+            command.error(
+                f"precision must be one of {', '.join(rungs)}, as the extension is built here, got {', '.join(missing)}"
+            )
+        precisions = list(rungs)
+    every = itertools.product(precisions, variants, options.threads or [torch.get_num_threads()], isas)
+    settings = [one for one in every if one[1] == "auto" or one[1] in rungs[one[0]]]
 
     print(f"{provenance.device()}; {provenance.versions()}; {provenance.commit()}\n{HEADER}", flush=True)
     rows = []

@@ -9,7 +9,7 @@ from ..choices import CULLS
 from ..ops import arguments
 from ..ops.arguments import Array
 from ..ops.rasterize import check_indices
-from ..precision import DEFAULT, PRECISIONS, RUNGS
+from ..precision import DEFAULT, Precision
 from ..reference.variants import COUNTS
 
 Scissor = tuple[int, int, int, int]
@@ -22,7 +22,7 @@ def count(
     *,
     variant: str,
     backend: str = "auto",
-    precision: str = DEFAULT,
+    precision: str | Precision = DEFAULT,
     cull: str = "none",
     scissor: Scissor | None = None,
 ) -> dict[str, int]:
@@ -35,12 +35,12 @@ def count(
 
     Raises:
         TypeError, ValueError: an argument of another dtype, shape or value; the text names it.
-        RuntimeError: an index in ``triangles`` is out of range.
+        RuntimeError: an index in ``triangles`` is out of range; the rung's work is not counted.
     """
     op = "count"
     chosen = arguments.choose_backend(op, backend)
     arguments.check_choice(op, "variant", variant, tuple(COUNTS))
-    arguments.check_choice(op, "precision", precision, PRECISIONS)
+    arithmetic = arguments.check_precision(op, precision)
     arguments.check_choice(op, "cull", cull, CULLS)
     height, width = arguments.check_image_size(op, "resolution", resolution)
     box = arguments.check_scissor(op, scissor, height, width)
@@ -53,14 +53,16 @@ def count(
     if chosen == "reference":
         total: dict[str, int] = {}
         for view in views:
-            records, _ = reference.setup(view.numpy(), faces.numpy(), height, width, cull, box, RUNGS[precision])
-            for name, n in COUNTS[variant](records, RUNGS[precision]).items():
+            records, _ = reference.setup(view.numpy(), faces.numpy(), height, width, cull, box, arithmetic)
+            for name, n in COUNTS[variant](records, arithmetic).items():
                 total[name] = total.get(name, 0) + n
         return {name: n for name, n in total.items() if n}
+    arguments.check_compiled(op, arithmetic, "cpu")
+    arguments.check_choice(op, "variant", variant, tuple(native.REGISTRY["cpu"][arithmetic.name]))
     counters = torch.zeros(len(native.COUNTERS), dtype=torch.int64)
-    parameters = native.parameter_values(op, native.REGISTRY["cpu"][precision][variant], None)
+    parameters = native.parameter_values(op, native.REGISTRY["cpu"][arithmetic.name][variant], None)
     packed = torch.empty((*clip.shape[:-2], height, width), dtype=torch.int64)
     dropped = torch.empty(clip.shape[:-2], dtype=torch.int64)
-    drawing = (clip, faces, height, width, cull, box, variant, precision, 1, parameters, None, None)
+    drawing = (clip, faces, height, width, cull, box, variant, arithmetic.name, 1, parameters, None, None)
     torch.ops.bigtri.rasterize(*drawing, packed, None, dropped, counters)
     return {name: int(n) for name, n in zip(native.COUNTERS, counters, strict=True) if n}

@@ -16,7 +16,7 @@ from .. import reference
 from ..choices import CULLS
 from ..ops import arguments
 from ..ops.rasterize import check_indices
-from ..precision import DEFAULT, PRECISIONS, RUNGS
+from ..precision import DEFAULT, EXACT, Arithmetic, Precision
 from ..reference.numerics import BIN, LARGE_THRESHOLD, MAX_SIZE
 from ..reference.records import Bins, Records
 
@@ -42,7 +42,7 @@ def setup(
     scissor: Scissor | None = None,
     *,
     backend: str = "auto",
-    precision: str = DEFAULT,
+    precision: str | Precision = DEFAULT,
 ) -> tuple[Records, int]:
     """Clip, project, snap, orient and cull: positions float32 [V, 4], triangles int32 [T, 3] to records, and the number dropped.
 
@@ -51,7 +51,7 @@ def setup(
     """
     op = "setup"
     chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "precision", precision, PRECISIONS)
+    arithmetic = _arithmetic(op, precision, chosen)
     arguments.check_choice(op, "cull", cull, CULLS)
     height, width = arguments.check_image_size(op, "height and width", (height, width))
     box = arguments.check_scissor(op, scissor, height, width)
@@ -59,34 +59,37 @@ def setup(
     triangles = _array(op, "triangles", triangles, torch.int32, "[T, 3]", 3)
     check_indices(op, torch.from_numpy(triangles), len(positions))
     if chosen == "reference":
-        return reference.setup(positions, triangles, height, width, cull, box, RUNGS[precision])
-    *fields, dropped = _native(op, positions, triangles, height, width, cull=cull, scissor=list(box), precision=precision)
-    return Records(*fields), int(dropped)
+        return reference.setup(positions, triangles, height, width, cull, box, arithmetic)
+    *fields, dropped = _native(op, positions, triangles, height, width, cull=cull, scissor=list(box), precision=arithmetic.name)
+    place = np.zeros((len(fields[0]), 0, 2), np.float32)
+    return Records._make([*fields, place]), int(dropped)
 
 
-def binning(records: Records, threshold: int = LARGE_THRESHOLD, *, backend: str = "auto", precision: str = DEFAULT) -> Bins:
+def binning(
+    records: Records, threshold: int = LARGE_THRESHOLD, *, backend: str = "auto", precision: str | Precision = DEFAULT
+) -> Bins:
     """The bins of records with more than ``threshold`` px in their bbox, which of them no edge rejects, and the other records."""
     op = "binning"
     chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "precision", precision, PRECISIONS)
-    records = _checked(op, precision, records, "xy", "bbox")
+    arithmetic = _arithmetic(op, precision, chosen)
+    records = _checked(op, arithmetic, records, "xy", "bbox")
     if chosen == "reference":
-        return reference.binning(records, threshold, RUNGS[precision])
-    return Bins(*_native(op, records.xy, records.bbox, threshold, precision=precision))
+        return reference.binning(records, threshold, arithmetic)
+    return Bins(*_native(op, records.xy, records.bbox, threshold, precision=arithmetic.name))
 
 
 def tile_mask(
-    records: Records, queue: NDArray[np.int32], *, backend: str = "auto", precision: str = DEFAULT
+    records: Records, queue: NDArray[np.int32], *, backend: str = "auto", precision: str | Precision = DEFAULT
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """64-bit masks (touched, full), int64 [Q] each, of the queue's entries int32 [Q, 3] (record, bin column, bin row)."""
     op = "tile_mask"
     chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "precision", precision, PRECISIONS)
-    records = _checked(op, precision, records, "xy", "bbox")
+    arithmetic = _arithmetic(op, precision, chosen)
+    records = _checked(op, arithmetic, records, "xy", "bbox")
     queue = _queue(op, queue, records)
     if chosen == "reference":
-        return reference.tile_mask(records, queue, RUNGS[precision])
-    touched, full = _native(op, records.xy, records.bbox, queue, precision=precision)
+        return reference.tile_mask(records, queue, arithmetic)
+    touched, full = _native(op, records.xy, records.bbox, queue, precision=arithmetic.name)
     return touched, full
 
 
@@ -97,32 +100,34 @@ def scanline(
     small: NDArray[np.int32],
     *,
     backend: str = "auto",
-    precision: str = DEFAULT,
+    precision: str | Precision = DEFAULT,
 ) -> NDArray[np.int32]:
     """Spans int32 [S, 4] (record, y, lower, upper): of the queue's touched tiles, then of the small records, int32 [M]."""
     op = "scanline"
     chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "precision", precision, PRECISIONS)
-    records = _checked(op, precision, records, "xy", "bbox")
+    arithmetic = _arithmetic(op, precision, chosen)
+    records = _checked(op, arithmetic, records, "xy", "bbox")
     queue = _queue(op, queue, records)
     touched = _array(op, "touched", touched, torch.int64, "[Q]", rows=len(queue))
     small = _array(op, "small", small, torch.int32, "[M]")
     _within(op, "small", small, 0, len(records.xy) - 1)
     if chosen == "reference":
-        return reference.scanline(records, queue, touched, small, RUNGS[precision])
-    return _native(op, records.xy, records.bbox, queue, touched, small, precision=precision)[0]
+        return reference.scanline(records, queue, touched, small, arithmetic)
+    return _native(op, records.xy, records.bbox, queue, touched, small, precision=arithmetic.name)[0]
 
 
-def depth(records: Records, spans: NDArray[np.int32], *, backend: str = "auto", precision: str = DEFAULT) -> NDArray[np.float32]:
+def depth(
+    records: Records, spans: NDArray[np.int32], *, backend: str = "auto", precision: str | Precision = DEFAULT
+) -> NDArray[np.float32]:
     """Window depth float32 [F] of every pixel of the spans, in their order."""
     op = "depth"
     chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "precision", precision, PRECISIONS)
-    records = _checked(op, precision, records, "xy", "z", "area")
+    arithmetic = _arithmetic(op, precision, chosen)
+    records = _checked(op, arithmetic, records, "xy", "z", "area")
     spans = _spans(op, spans, len(records.xy), MAX_SIZE, MAX_SIZE)
     if chosen == "reference":
-        return reference.depth(records, spans, RUNGS[precision])
-    return _native(op, records.xy, records.z, records.area, spans, precision=precision)[0]
+        return reference.depth(records, spans, arithmetic)
+    return _native(op, records.xy, records.z, records.area, spans, precision=arithmetic.name)[0]
 
 
 def visibility(
@@ -132,7 +137,7 @@ def visibility(
     op = "visibility"
     chosen = arguments.choose_backend(op, backend)
     height, width = arguments.check_image_size(op, "height and width", (height, width))
-    records = _checked(op, DEFAULT, records, "triangle")
+    records = _checked(op, EXACT, records, "triangle")
     spans = _spans(op, spans, len(records.triangle), height, width)
     pixels = int((spans[:, 3] - spans[:, 2]).sum(dtype=np.int64))
     depth = _array(op, "depth", depth, torch.float32, "[F]", rows=pixels)
@@ -165,9 +170,22 @@ def _within(op: str, name: str, values: NDArray[Any], low: int, high: int) -> No
         raise ValueError(f"bigtri.{op}: {name} must lie in {low} to {high}, got {values.min()} to {values.max()}")
 
 
-def _checked(op: str, precision: str, records: Records, *names: str) -> Records:
+def _arithmetic(op: str, precision: str | Precision, backend: str) -> Arithmetic:
+    """That of the precision, which the chosen backend has."""
+    arithmetic = arguments.check_precision(op, precision)
+    if backend == "native":
+        arguments.check_compiled(op, arithmetic, "cpu")
+        if arithmetic.is_unsnapped:
+            raise ValueError(
+                f"bigtri.{op}: backend must be 'reference' with precision {arithmetic.name!r}, whose records hold more than the "
+                f"extension's stages hand on, got {backend!r}"
+            )
+    return arithmetic
+
+
+def _checked(op: str, arithmetic: Arithmetic, records: Records, *names: str) -> Records:
     """``records`` with the named fields checked, of which the first says how many there are."""
-    guard = RUNGS[precision].guard
+    guard = arithmetic.guard
     rows = None
     for name in names:
         dtype, shape, sizes, bounds = _FIELDS[name]

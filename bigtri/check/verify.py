@@ -306,9 +306,12 @@ def _flat(stage: str, result: Any) -> list[Any]:
         raise _miscounted(stage, "", names, result)
     if stage == "setup":
         records, dropped = result
-        if not isinstance(records, (tuple, list)) or len(records) != len(Records._fields):
-            raise _miscounted(stage, "records as ", Records._fields, records)
-        result = (*records, dropped)
+        compared = [
+            name for name in _OUTPUTS[stage] if name != "dropped"
+        ]  # the last field is for rungs that are not compared here
+        if not isinstance(records, (tuple, list)) or not len(compared) <= len(records) <= len(Records._fields):
+            raise _miscounted(stage, "records as ", compared, records)
+        result = (*records[: len(compared)], dropped)
     return [_as_numpy(value) for value in result]
 
 

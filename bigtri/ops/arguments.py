@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .. import native, torch_private, warn
 from ..choices import BACKENDS
+from ..precision import PRECISIONS, RUNGS, Arithmetic, Precision, arithmetic_of
 from ..reference.numerics import MAX_SIZE
 from . import memory
 
@@ -59,6 +60,35 @@ def check_choice(op: str, name: str, value: str, allowed: tuple[str, ...]) -> No
         raise TypeError(f"bigtri.{op}: {name} must be one of {', '.join(map(repr, allowed))}, got {described(value)}")
     if value not in allowed:
         raise ValueError(f"bigtri.{op}: {name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+
+
+def check_precision(op: str, precision: str | Precision) -> Arithmetic:
+    """The arithmetic of a rung's name or of a ``Precision``.
+
+    Raises:
+        TypeError, ValueError: another type, or no rung's name.
+    """
+    if isinstance(precision, Precision):
+        return arithmetic_of(precision)
+    check_choice(op, "precision", precision, PRECISIONS)
+    return RUNGS[precision]
+
+
+def check_compiled(op: str, arithmetic: Arithmetic, kind: str) -> None:
+    """Raise ValueError unless the extension has the arithmetic's rung for ``kind`` of device, "cpu" or "cuda"."""
+    rungs = native.REGISTRY[kind]
+    if arithmetic.name in rungs:
+        return
+    device = {"cpu": "the CPU", "cuda": "CUDA"}[kind]
+    if arithmetic.name not in PRECISIONS:
+        why = "a mix without a name is compiled for no device: pass backend='reference', or give it a name (CONTRIBUTING.md)"
+    elif kind == "cpu":
+        why = "build the extension with BIGTRI_LADDER=1, or pass backend='reference'"
+    else:
+        why = "it is compiled for the CPU alone"
+    raise ValueError(
+        f"bigtri.{op}: precision must be one of {', '.join(map(repr, rungs))} on {device}, got {arithmetic.name!r}; {why}"
+    )
 
 
 def check_flag(op: str, name: str, value: bool | None, optional: bool = False) -> None:

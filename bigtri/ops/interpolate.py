@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from ..precision import DEFAULT, PRECISIONS, RUNGS
+from ..precision import DEFAULT, Precision
 from ..reference import attributes as reference
 from ..reference.numerics import MAX_SIZE
 from . import arguments
@@ -21,7 +21,7 @@ def interpolate(
     triangles: Array,
     *,
     backend: str = "auto",
-    precision: str = DEFAULT,
+    precision: str | Precision = DEFAULT,
     out: Array | None = None,
 ) -> Array:
     """Perspective-correct vertex attributes of the visible triangle at every pixel centre.
@@ -47,9 +47,9 @@ def interpolate(
     """
     op = "interpolate"
     chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "precision", precision, PRECISIONS)
+    arithmetic = arguments.check_precision(op, precision)
     if chosen == "native":
-        drawn = _interpolate_as_is(op, visibility, positions, triangles, (attributes,), precision, out)
+        drawn = _interpolate_as_is(op, visibility, positions, triangles, (attributes,), arithmetic.name, out)
         if drawn is not None:
             return drawn
     given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
@@ -65,12 +65,13 @@ def interpolate(
     result = arguments.check_output(op, out, torch.float32, shape, packed.device, inputs)
     images = result.view(*packed.shape, values.shape[2])
     if chosen == "native":
-        torch.ops.bigtri.interpolate.default(packed, clip, faces, values, precision, images)
+        arguments.check_compiled(op, arithmetic, packed.device.type)
+        torch.ops.bigtri.interpolate.default(packed, clip, faces, values, arithmetic.name, images)
     else:
         check_indices(op, faces, clip.shape[-2])
         clip, values = clip.expand(packed.shape[0], -1, -1), values.expand(packed.shape[0], -1, -1)
         for image, view, p, a in zip(images, packed, clip, values, strict=True):
-            image.copy_(arguments.on_reference(reference.interpolate, view, p, faces, a, RUNGS[precision]))
+            image.copy_(arguments.on_reference(reference.interpolate, view, p, faces, a, arithmetic))
     return arguments.like(result, given)
 
 
@@ -80,7 +81,7 @@ def barycentrics(
     triangles: Array,
     *,
     backend: str = "auto",
-    precision: str = DEFAULT,
+    precision: str | Precision = DEFAULT,
     out: Array | None = None,
 ) -> Array:
     """Perspective-correct weights of the visible triangle's corners 0, 1 and 2 at every pixel centre.
@@ -105,9 +106,9 @@ def barycentrics(
     """
     op = "barycentrics"
     chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "precision", precision, PRECISIONS)
+    arithmetic = arguments.check_precision(op, precision)
     if chosen == "native":
-        drawn = _interpolate_as_is(op, visibility, positions, triangles, (), precision, out)
+        drawn = _interpolate_as_is(op, visibility, positions, triangles, (), arithmetic.name, out)
         if drawn is not None:
             return drawn
     given, packed, clip, faces = _drawing(op, visibility, positions, triangles, chosen)
@@ -115,11 +116,12 @@ def barycentrics(
     result = arguments.check_output(op, out, torch.float32, (*given.shape, 3), packed.device, inputs)
     images = result.view(*packed.shape, 3)
     if chosen == "native":
-        torch.ops.bigtri.barycentrics.default(packed, clip, faces, precision, images)
+        arguments.check_compiled(op, arithmetic, packed.device.type)
+        torch.ops.bigtri.barycentrics.default(packed, clip, faces, arithmetic.name, images)
     else:
         check_indices(op, faces, clip.shape[-2])
         for image, view, p in zip(images, packed, clip.expand(packed.shape[0], -1, -1), strict=True):
-            image.copy_(arguments.on_reference(reference.barycentrics, view, p, faces, RUNGS[precision]))
+            image.copy_(arguments.on_reference(reference.barycentrics, view, p, faces, arithmetic))
     return arguments.like(result, given)
 
 

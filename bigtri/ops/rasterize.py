@@ -11,7 +11,7 @@ import torch
 
 from .. import native
 from ..choices import CULLS
-from ..precision import PRECISIONS, RUNGS, Arithmetic
+from ..precision import Arithmetic, Precision
 from ..reference import pipeline
 from ..reference.numerics import BACKGROUND
 from . import arguments, memory
@@ -43,7 +43,7 @@ def rasterize(
     *,
     backend: str = "auto",
     variant: str = "auto",
-    precision: str = "exact",
+    precision: str | Precision = "exact",
     parameters: Mapping[str, int] | None = None,
     cull: str = "none",
     scissor: tuple[int, int, int, int] | None = None,
@@ -61,8 +61,10 @@ def rasterize(
         resolution: (height, width) in px, 1 to 16384 each.
         backend: "reference" (the NumPy oracle), "native" (the extension), or "auto": native where it is built. Same bits.
         variant: how the native backend schedules the work, "auto" or one of ``bigtri.native.VARIANTS[device type]``. Same bits.
-        precision: a rung: "exact", or "subpixel4", which snaps vertices to 1/16 instead of 1/256 px. Each rung
-            has its own bits, the same on every backend; on CUDA not every variant is compiled for every rung.
+        precision: a rung by its name, or a ``Precision``: "exact"; "subpixel4", which snaps vertices to 1/16 instead of 1/256 px;
+            "depth_reversed" for clip depth from w at the near plane to 0 at the far one (docs/numerics.md 13 says what its depth
+            image holds); and those that show what accuracy costs, ``bigtri.precision.RUNGS``. Each has its own bits, the same
+            on every backend that it is compiled for; the reference has all, and every mix of them.
         parameters: numbers of the variant's, by name; ``bigtri.native.REGISTRY`` says which there are and what they may be. They
             change no bit. The reference has none.
         cull: "none", "back" or "front": faces not to draw. Front faces are counter-clockwise on the screen.
@@ -90,7 +92,7 @@ def rasterize(
     """
     op = "rasterize"
     chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "precision", precision, PRECISIONS)
+    arithmetic = arguments.check_precision(op, precision)
     arguments.check_choice(op, "cull", cull, CULLS)
     arguments.check_flag(op, "validate", validate, optional=True)
     arguments.check_flag(op, "depth", depth)
@@ -100,7 +102,7 @@ def rasterize(
     box = arguments.check_scissor(op, scissor, height, width)
 
     if chosen == "native" and variant == "auto" and parameters is None and ranges is None and not validate:
-        drawn = _draw_as_is(op, positions, triangles, height, width, cull, box, precision, depth, out, depth_out)
+        drawn = _draw_as_is(op, positions, triangles, height, width, cull, box, arithmetic.name, depth, out, depth_out)
         if drawn is not None:
             return drawn
 
@@ -118,7 +120,9 @@ def rasterize(
             why = f"as the extension's library for cuda does not load here ({native.load_error('cuda')})"
         built = " or ".join(native.REGISTRY)
         raise ValueError(f"bigtri.{op}: positions must be on {built}, {why}, got {clip.device}")
-    variants = rungs[precision] if rungs else {}
+    if chosen == "native":
+        arguments.check_compiled(op, arithmetic, clip.device.type)
+    variants = rungs.get(arithmetic.name, {}) if rungs else {}
     if variant != "auto":
         arguments.check_choice(op, "variant", variant, ("auto", *variants))
     if parameters and chosen == "reference":
@@ -139,10 +143,10 @@ def rasterize(
             check_indices(op, faces, clip.shape[-2])
         picked = next(iter(variants.values())) if variant == "auto" else variants[variant]
         values = native.parameter_values(op, picked, parameters)
-        drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, checked_ranges, None)
+        drawing = (clip, faces, height, width, cull, box, picked.name, arithmetic.name, 1, values, checked_ranges, None)
         torch.ops.bigtri.rasterize.default(*drawing, packed, image, dropped, None)
     else:
-        _draw_reference(op, clip, faces, checked_ranges, box, cull, RUNGS[precision], packed, image, dropped)
+        _draw_reference(op, clip, faces, checked_ranges, box, cull, arithmetic, packed, image, dropped)
 
     return _result(positions, packed, image, dropped)
 
@@ -183,6 +187,8 @@ def _draw_as_is(
     clip, faces = inputs[:2]
     rungs = native.REGISTRY.get("cuda" if clip.is_cuda else "cpu")
     if rungs is None:
+        return None
+    if precision not in rungs:
         return None
     picked = next(iter(rungs[precision].values()))
     values = native.parameter_values(op, picked, None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,18 +94,37 @@ def _slot_weights(
     records: Records, index: NDArray[np.int64], x: NDArray[np.int64], y: NDArray[np.int64], arithmetic: Arithmetic
 ) -> NDArray[np.float32]:
     """float32 [P, 3]: the weights b of record ``index[p]``'s slots at the centre of pixel (x[p], y[p])."""
-    area = records.area[index].astype(np.float64)
-    edges = edge_values(edges_of(records.xy[index]), x, y, arithmetic).astype(np.float64)
-    screen = [edges[:, k] / area for k in range(3)]
-    w = records.w[index]
+    rule = arithmetic.precision.attributes
+    number: Any = np.float32 if rule in ("float32", "reciprocal") else np.float64
+    over = _times_reciprocal if rule == "reciprocal" else np.divide
+    area = records.area[index].astype(number)
+    edges = edge_values(edges_of(records.xy[index]), x, y, arithmetic).astype(number)
+    screen = [over(edges[:, k], area) for k in range(3)]
     clipped = records.clipped[index]
-    constant_w = ~clipped & (w[:, 0] == w[:, 1]) & (w[:, 1] == w[:, 2])
-
-    u = [screen[k] / w[:, k] for k in range(3)]
     # What a clipped record knows is its own corners; its weights lead from there to the parent's.
-    rows = records.weights[index]
-    v = [(u[0] * rows[:, 0, m] + u[1] * rows[:, 1, m]) + u[2] * rows[:, 2, m] for m in range(3)]
-    slot = [np.where(clipped, v[m], u[m]) for m in range(3)]
+    rows = records.weights[index].astype(number)
+    if rule == "affine":
+        rows = rows / ((rows[:, :, 0] + rows[:, :, 1]) + rows[:, :, 2])[:, :, None]
+        slot = [np.where(clipped, _weighted(screen, rows[:, :, m]), screen[m]) for m in range(3)]
+        return np.stack(slot, axis=1).astype(np.float32)
+    w = records.w[index].astype(number)
+    constant_w = ~clipped & (w[:, 0] == w[:, 1]) & (w[:, 1] == w[:, 2])
+    u = [over(screen[k], w[:, k]) for k in range(3)]
+    slot = [np.where(clipped, _weighted(u, rows[:, :, m]), u[m]) for m in range(3)]
     total = (slot[0] + slot[1]) + slot[2]
-    weight = [np.where(constant_w, screen[m], slot[m] / total) for m in range(3)]
+    weight = [np.where(constant_w, screen[m], over(slot[m], total)) for m in range(3)]
     return np.stack(weight, axis=1).astype(np.float32)
+
+
+def _weighted(values: list[NDArray[np.floating]], by: NDArray[np.floating]) -> NDArray[np.floating]:
+    """(v0 t0 + v1 t1) + v2 t2, [P], of three values [P] and ``by`` [P, 3]."""
+    return (values[0] * by[:, 0] + values[1] * by[:, 1]) + values[2] * by[:, 2]
+
+
+def _times_reciprocal(value: NDArray[np.float32], by: NDArray[np.float32]) -> NDArray[np.float32]:
+    """``value / by`` for positive ``by``, as a product with a reciprocal that is good for 17 bits, in float32."""
+    two = np.float32(2)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        start = (np.int32(0x7EF311C7) - by.view(np.int32)).view(np.float32)  # the exponent negated, and a line for the mantissa
+        once = start * (two - by * start)
+        return value * (once * (two - by * once))

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
+from .coverage import sides_of, touches
 from .float_mode import default_float_mode
-from .numerics import BIN, LARGE_THRESHOLD, edges_of, ramp, rise, stepped_values
+from .numerics import BIN, LARGE_THRESHOLD, ramp
 from .records import Bins, Records
 
 
@@ -26,10 +27,9 @@ def binning(records: Records, threshold: int = LARGE_THRESHOLD, arithmetic: Arit
     """
     large = bbox_pixels(records) > threshold
     candidates = _candidates(np.flatnonzero(large), records.bbox[large].astype(np.int64))
-    edges = edges_of(records.xy[candidates[:, 0]])
-    first = stepped_values(edges, BIN * candidates[:, 1], BIN * candidates[:, 2], arithmetic)
-    highest = first + rise(edges, BIN)
-    return Bins(candidates.astype(np.int32), (highest >= 0).all(axis=1), np.flatnonzero(~large).astype(np.int32))
+    sides = sides_of(records, candidates[:, 0], arithmetic)
+    kept = touches(sides, BIN * candidates[:, 1], BIN * candidates[:, 2], BIN)
+    return Bins(candidates.astype(np.int32), kept, np.flatnonzero(~large).astype(np.int32))
 
 
 def bbox_pixels(records: Records) -> NDArray[np.int64]:

@@ -42,6 +42,7 @@ class Record(NamedTuple):
     corner: tuple[int, int, int]
     weights: tuple[Vector, Vector, Vector]
     clipped: bool
+    place: tuple[Vector, ...] = ()  # px, float32 values, not snapped; empty unless the rung needs them
 
 
 class _Vertex(NamedTuple):
@@ -73,16 +74,16 @@ def records(
             dropped += 1
             continue
         for sub in _sub_triangles(corners, height, width, arithmetic):
-            xy, z, w, corner, weights, clipped = sub
+            xy, z, w, corner, weights, clipped, place = sub
             window = _window(height, width, scissor)
-            record = _oriented(index, xy, z, w, corner, weights, clipped, window, cull, arithmetic)
+            record = _oriented(index, xy, z, w, corner, weights, clipped, place, window, cull, arithmetic)
             if record is not None:
                 result.append(record)
     return result, dropped
 
 
 def _sub_triangles(corners: list[Vector], height: int, width: int, arithmetic: Arithmetic) -> list[tuple[Any, ...]]:
-    """Lists (snapped vertices, depths, w, corner, weights, clipped), not yet oriented."""
+    """Lists (snapped vertices, depths, w, corner, weights, clipped, places), not yet oriented."""
     planes = _planes(height, width, arithmetic)
     outside = {name: [_distance(plane, c) < 0 for c in corners] for name, plane in planes.items()}
     if any(all(flags) for flags in outside.values()):
@@ -92,26 +93,33 @@ def _sub_triangles(corners: list[Vector], height: int, width: int, arithmetic: A
         if min(c[3] for c in corners) <= 0:
             return []
         xy = [_snap(c, height, width, arithmetic) for c in corners]
-        return [(xy, [_depth32(c) for c in corners], [c[3] for c in corners], (0, 1, 2), unit, False)]
+        place = [_place32(c, height, width) for c in corners]
+        return [(xy, [_depth32(c, arithmetic) for c in corners], [c[3] for c in corners], (0, 1, 2), unit, False, place)]
 
+    if arithmetic.precision.clip == "none":
+        return []
     first = corners.index(min(corners))
     corner = (first, (first + 1) % 3, (first + 2) % 3)
     slots = [_Vertex(corners[c], unit[m], frozenset({m, (m + 2) % 3})) for m, c in enumerate(corner)]
     polygon = slots
     for name, plane in planes.items():
         if any(outside[name]):
-            polygon = _cut(polygon, slots, name, plane)
-    if len(polygon) < 3 or min(v.position[3] for v in polygon) <= 0:
+            in_float32 = arithmetic.precision.clip == "float32"
+            polygon = _cut_in_float32(polygon, name, plane) if in_float32 else _cut(polygon, slots, name, plane)
+    if len(polygon) < 3 or not all(v.position[3] > 0 and all(map(isfinite, v.position)) for v in polygon):
         return []
 
-    snapped = [(*_snap_made(v, height, width, arithmetic), _depth_made(v), v.position[3]) for v in polygon]  # X, Y, z, w
+    snapped = [
+        (*_snap_made(v, height, width, arithmetic), _depth_made(v, arithmetic), v.position[3]) for v in polygon
+    ]  # X, Y, z, w
     start = snapped.index(min(snapped))
     fan = []
     for k in range(1, len(polygon) - 1):
         corner_of = [start, (start + k) % len(polygon), (start + k + 1) % len(polygon)]
         x_y_z_w = [snapped[i] for i in corner_of]
         weights = tuple(polygon[i].weights for i in corner_of)
-        fan.append(([v[:2] for v in x_y_z_w], [v[2] for v in x_y_z_w], [v[3] for v in x_y_z_w], corner, weights, True))
+        place = [_place_made(polygon[i], height, width) for i in corner_of]
+        fan.append(([v[:2] for v in x_y_z_w], [v[2] for v in x_y_z_w], [v[3] for v in x_y_z_w], corner, weights, True, place))
     return fan
 
 
@@ -119,12 +127,12 @@ def _planes(height: int, width: int, arithmetic: Arithmetic) -> dict[str, Plane]
     """By name, the two (component, coefficient) of each plane, in their order."""
     w, h, guard = float(arithmetic.half * width), float(arithmetic.half * height), float(arithmetic.guard)
     return {
-        "near": ((2, 1.0), (3, 1.0)),
+        "near": ((3, 1.0), (2, -1.0)) if arithmetic.reversed else ((2, 1.0), (3, 1.0)),
         "x-": ((0, w), (3, w + guard)),
         "x+": ((3, guard - 1 - w), (0, -w)),
         "y-": ((3, h + guard), (1, -h)),
         "y+": ((3, guard - 1 - h), (1, h)),
-        "depth": ((3, 4.0), (2, -1.0)),
+        "depth": ((3, 4.0), (2, 1.0 if arithmetic.reversed else -1.0)),
     }
 
 
@@ -149,6 +157,25 @@ def _cut(polygon: list[_Vertex], slots: list[_Vertex], name: str, plane: Plane) 
                     p, q = begin, end
             position, weights = _meet(p, q, plane)
             result.append(_Vertex(position, weights, edges, frozenset({name}) | (a.made & b.made)))
+    return result
+
+
+def _cut_in_float32(polygon: list[_Vertex], name: str, plane: Plane) -> list[_Vertex]:
+    """Every operation is one of float64 on float32 values, rounded again: the same as in float32 (``_round32``)."""
+    (i, c), (j, d) = plane
+    distance = [_round32(_round32(c * v.position[i]) + _round32(d * v.position[j])) for v in polygon]
+    result = []
+    for k, a in enumerate(polygon):
+        b, da, db = polygon[(k + 1) % len(polygon)], distance[k], distance[(k + 1) % len(polygon)]
+        if da >= 0:
+            result.append(a)
+        if (da >= 0) != (db >= 0):
+            share = _round32(da / _round32(da - db))
+            position, weights = (
+                tuple(_round32(x + _round32(_round32(y - x) * share)) for x, y in zip(p, q, strict=True))
+                for p, q in ((a.position, b.position), (a.weights, b.weights))
+            )
+            result.append(_Vertex(position, weights, a.edges & b.edges, frozenset({name}) | (a.made & b.made)))
     return result
 
 
@@ -200,16 +227,31 @@ def _round32(value: float) -> float:
         return inf if value > 0 else -inf
 
 
-def _depth32(position: Vector) -> float:
-    return _round32(_round32(_round32(position[2] / position[3]) * 0.5) + 0.5)
+def _depth32(position: Vector, arithmetic: Arithmetic) -> float:
+    quotient = _round32(position[2] / position[3])
+    return quotient if arithmetic.reversed else _round32(_round32(quotient * 0.5) + 0.5)
 
 
-def _depth_made(vertex: _Vertex) -> float:
+def _depth_made(vertex: _Vertex, arithmetic: Arithmetic) -> float:
     if "near" in vertex.made:
-        return 0.0
+        return 1.0 if arithmetic.reversed else 0.0
     if not vertex.made:
-        return _depth32(vertex.position)
-    return max(_round32((vertex.position[2] / vertex.position[3]) * 0.5 + 0.5), 0.0)
+        return _depth32(vertex.position, arithmetic)
+    quotient = vertex.position[2] / vertex.position[3]
+    return min(_round32(quotient), 1.0) if arithmetic.reversed else max(_round32(quotient * 0.5 + 0.5), 0.0)
+
+
+def _place32(position: Vector, height: int, width: int) -> Vector:
+    x, y, _, w = position
+    across, down = _round32(_round32(_round32(x / w) * 0.5) + 0.5), _round32(0.5 - _round32(_round32(y / w) * 0.5))
+    return _round32(across * width), _round32(down * height)
+
+
+def _place_made(vertex: _Vertex, height: int, width: int) -> Vector:
+    if not vertex.made:
+        return _place32(vertex.position, height, width)
+    x, y, _, w = vertex.position
+    return _round32((x / w * 0.5 + 0.5) * width), _round32((0.5 - y / w * 0.5) * height)
 
 
 def _window(height: int, width: int, scissor: tuple[int, int, int, int] | None) -> tuple[int, int, int, int]:
@@ -225,6 +267,7 @@ def _oriented(
     corner: tuple[int, int, int],
     weights: tuple[Vector, Vector, Vector],
     clipped: bool,
+    place: list[Vector],
     window: tuple[int, int, int, int],
     cull: str,
     arithmetic: Arithmetic,
@@ -254,6 +297,7 @@ def _oriented(
         corner if clipped else (a, b, c),
         (weights[a], weights[b], weights[c]) if clipped else identity,
         clipped,
+        (place[a], place[b], place[c]) if arithmetic.is_unsnapped else (),
     )
 
 
@@ -280,7 +324,11 @@ def covers(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> 
 
     The top-left rule says: move the sample to the right by an infinitesimal step, and down by a still smaller one; then it lies
     on no edge. The sign of an edge function there is that of the first of (value, x derivative, y derivative) that is not 0.
+
+    Where the rung's coverage is in float32, decided by its edge functions.
     """
+    if arithmetic.has_float_coverage:
+        return all(_covers_in_float32(record, k, px, py, arithmetic) for k in range(3))
     sample = _centre(px, py, arithmetic)
     for k in range(3):
         p, q = record.xy[(k + 1) % 3], record.xy[(k + 2) % 3]
@@ -289,9 +337,37 @@ def covers(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> 
     return True
 
 
+def _covers_in_float32(record: Record, k: int, px: int, py: int, arithmetic: Arithmetic) -> bool:
+    """Every operation is one of float64 on float32 values, rounded again: the same as in float32 (``_round32``)."""
+    rule = arithmetic.precision.coverage
+    (ax, ay), (bx, by) = (record.xy[(k + 1) % 3], record.xy[(k + 2) % 3])
+    owns = by < ay or (by == ay and bx > ax)
+    vertices = record.place or [(x / arithmetic.subpixel, y / arithmetic.subpixel) for x, y in record.xy]
+    p, q = vertices[(k + 1) % 3], vertices[(k + 2) % 3]
+    turned = rule == "float32_canonical" and p > q
+    if turned:
+        p, q = q, p
+    dx, dy = _round32(q[0] - p[0]), _round32(q[1] - p[1])
+    right, down = _round32(px + 0.5 - p[0]), _round32(py + 0.5 - p[1])
+    second = _round32(dy * right)
+    if rule == "float32_fused":
+        value = _fraction_to_float32(Fraction(dx) * Fraction(down) - Fraction(second))
+    else:
+        value = _round32(_round32(dx * down) - second)
+    value = -value if turned else value
+    if rule == "float32_inclusive" or (rule != "float32_strict" and owns):
+        return value >= 0
+    return value > 0
+
+
 def coverage(record: Record, height: int, width: int, arithmetic: Arithmetic = EXACT) -> NDArray[np.bool_]:
-    """bool [H, W]: ``covers`` at every pixel of the bbox, all at once in int64 (48 bits and a sign); False elsewhere."""
+    """bool [H, W]: ``covers`` at every pixel of the bbox, all at once in int64 (62 bits and a sign); False elsewhere."""
     x0, y0, x1, y1 = record.bbox
+    if arithmetic.has_float_coverage:
+        one_by_one = np.zeros((height, width), np.bool_)
+        for y, x in np.ndindex(y1 - y0, x1 - x0):
+            one_by_one[y0 + y, x0 + x] = covers(record, x0 + x, y0 + y, arithmetic)
+        return one_by_one
     subpixel, half = arithmetic.subpixel, arithmetic.half
     sx = (subpixel * np.arange(x0, x1, dtype=np.int64) + half)[None, :]
     sy = (subpixel * np.arange(y0, y1, dtype=np.int64) + half)[:, None]
@@ -316,20 +392,58 @@ def exact_depth(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT
 
 @default_float_mode
 def depth(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> float:
-    """The float32 that docs/numerics.md section 7 gives pixel (px, py), one operation after the other."""
+    """The float32 that docs/numerics.md sections 7 and 13 store for pixel (px, py), one operation after the other."""
+    rule = arithmetic.precision.depth
+    if rule.startswith("float32"):
+        z = _depth_in_float32(record, px, py, rule, arithmetic)
+    else:
+        z = _depth_in_float64(record, px, py, rule, arithmetic)
+    z = min(max(_round32(z), min(record.z)), max(record.z)) + 0.0
+    if rule.startswith("stored") and z <= 1:
+        levels = 2 ** int(rule.removeprefix("stored")) - 1
+        return _round32(round(z * levels) / levels)
+    if rule == "reversed":
+        return _float_of(_bits_of(1.0) - _bits_of(z)) if z >= 0 else 2.0
+    return z
+
+
+def _depth_in_float64(record: Record, px: int, py: int, rule: str, arithmetic: Arithmetic) -> float:
     perimeter = sum(abs(x - u) + abs(y - v) for (x, y), (u, v) in zip(record.xy, record.xy[1:] + record.xy[:1], strict=True))
     if arithmetic.subpixel * perimeter > 32 * record.area:
-        z = _weighted(record, _edge_values(record, px, py, arithmetic))
-    else:
-        left, top = px - px % 64, py - py % 64
-        at_corner = _edge_values(record, left, top, arithmetic)
-        to_the_right = _edge_values(record, left + 1, top, arithmetic)
-        below = _edge_values(record, left, top + 1, arithmetic)
-        corner = _weighted(record, at_corner)
-        dx = _weighted(record, [b - a for a, b in zip(at_corner, to_the_right, strict=True)])
-        dy = _weighted(record, [b - a for a, b in zip(at_corner, below, strict=True)])
-        z = (corner + dy * (py - top)) + dx * (px - left)
-    return min(max(_round32(z), min(record.z)), max(record.z)) + 0.0
+        return _weighted(record, _edge_values(record, px, py, arithmetic))
+    corner, dx, dy = (_weighted(record, g) for g in _cell(record, px, py, arithmetic))
+    if rule == "fixed_cell":
+        corner, dx, dy = (int(value * 2**48) for value in (corner, dx, dy))
+        return _int_to_float32(corner + dy * (py % 64) + dx * (px % 64)) / 2**48
+    return (corner + dy * (py % 64)) + dx * (px % 64)
+
+
+def _depth_in_float32(record: Record, px: int, py: int, rule: str, arithmetic: Arithmetic) -> float:
+    """Every operation is one of float64 on float32 values, rounded again: the same as in float32 (``_round32``)."""
+    if rule == "float32_vertex":
+        (x0, y0), z = record.xy[0], record.z
+        (x1, y1), (x2, y2) = ((_int_to_float32(x - x0), _int_to_float32(y - y0)) for x, y in record.xy[1:])
+        z1, z2 = _round32(z[1] - z[0]), _round32(z[2] - z[0])
+        area = _int_to_float32(record.area)
+        dx = _round32(_round32(_round32(z1 * y2) - _round32(z2 * y1)) / area)
+        dy = _round32(_round32(_round32(z2 * x1) - _round32(z1 * x2)) / area)
+        x, y = _centre(px, py, arithmetic)
+        z_right = _round32(z[0] + _round32(dx * _int_to_float32(x - x0)))
+        return _round32(z_right + _round32(dy * _int_to_float32(y - y0)))
+    if rule == "float32_barycentric":
+        return _weighted_in_float32(record, _edge_values(record, px, py, arithmetic))
+    corner, dx, dy = (_weighted_in_float32(record, g) for g in _cell(record, px, py, arithmetic))
+    return _round32(_round32(corner + _round32(dy * (py % 64))) + _round32(dx * (px % 64)))
+
+
+def _cell(record: Record, px: int, py: int, arithmetic: Arithmetic) -> tuple[list[int], list[int], list[int]]:
+    """The edge values at the first pixel of the pixel's cell, and by how much they change to the right and downwards."""
+    left, top = px - px % 64, py - py % 64
+    at_corner = _edge_values(record, left, top, arithmetic)
+    to_the_right = _edge_values(record, left + 1, top, arithmetic)
+    below = _edge_values(record, left, top + 1, arithmetic)
+    right, down = ([b - a for a, b in zip(at_corner, there, strict=True)] for there in (to_the_right, below))
+    return at_corner, right, down
 
 
 def _edge_values(record: Record, px: int, py: int, arithmetic: Arithmetic) -> list[int]:
@@ -340,6 +454,72 @@ def _edge_values(record: Record, px: int, py: int, arithmetic: Arithmetic) -> li
 def _weighted(record: Record, g: Sequence[int]) -> float:
     z = record.z
     return ((float(g[0]) * z[0] + float(g[1]) * z[1]) + float(g[2]) * z[2]) / float(record.area)
+
+
+def _weighted_in_float32(record: Record, g: Sequence[int]) -> float:
+    terms = [_round32(_int_to_float32(value) * z) for value, z in zip(g, record.z, strict=True)]
+    return _round32(_round32(_round32(terms[0] + terms[1]) + terms[2]) / _int_to_float32(record.area))
+
+
+def _int_to_float32(value: int) -> float:
+    """The nearest float32, half to even, rounded once: what lies below 25 bits only has to tell whether there is anything."""
+    below = max(abs(value).bit_length() - 26, 0)
+    magnitude = (abs(value) >> below) | (abs(value) & ((1 << below) - 1) != 0)
+    return _round32(ldexp(magnitude if value >= 0 else -magnitude, below))
+
+
+def _fraction_to_float32(value: Fraction) -> float:
+    """The same of a fraction whose denominator is a power of two, as the products and sums of floats are."""
+    return _int_to_float32(value.numerator) / value.denominator
+
+
+def _bits_of(value: float) -> int:
+    return struct.unpack("<i", struct.pack("<f", value))[0]
+
+
+def _float_of(bits: int) -> float:
+    return struct.unpack("<f", struct.pack("<i", bits))[0]
+
+
+# --- Attributes --------------------------------------------------------------------------------------------------------------
+
+
+@default_float_mode
+def weights(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> Vector:
+    """The float32 weights of the record's slots that docs/numerics.md sections 9 and 17 give pixel (px, py)."""
+    rule = arithmetic.precision.attributes
+    in_float32 = rule in ("float32", "reciprocal")
+    rounded = _round32 if in_float32 else float
+    whole = _int_to_float32 if in_float32 else float
+
+    def over(value: float, by: float) -> float:
+        if rule != "reciprocal":
+            return rounded(value / by)
+        once = _newton(_float_of(0x7EF311C7 - _bits_of(by)), by)
+        return _round32(value * _newton(once, by))
+
+    def summed(terms: Sequence[float]) -> float:
+        return rounded(rounded(terms[0] + terms[1]) + terms[2])
+
+    screen = [over(whole(e), whole(record.area)) for e in _edge_values(record, px, py, arithmetic)]
+    rows = [[rounded(t) for t in row] for row in record.weights]
+    if rule == "affine":
+        rows = [[t / ((row[0] + row[1]) + row[2]) for t in row] for row in rows]
+        u = screen
+    elif not record.clipped and len(set(record.w)) == 1:
+        return tuple(_round32(b) for b in screen)
+    else:
+        u = [over(one, rounded(w)) for one, w in zip(screen, record.w, strict=True)]
+    if record.clipped:
+        u = [summed([rounded(u[k] * rows[k][m]) for k in range(3)]) for m in range(3)]
+    if rule == "affine":
+        return tuple(_round32(b) for b in u)
+    total = summed(u)
+    return tuple(_round32(over(one, total)) for one in u)
+
+
+def _newton(reciprocal: float, of: float) -> float:
+    return _round32(reciprocal * _round32(2 - _round32(of * reciprocal)))
 
 
 # --- The visibility buffer ---------------------------------------------------------------------------------------------------
@@ -383,12 +563,13 @@ class HalfPlane(NamedTuple):
     c: int
 
 
-def outline(corners: Sequence[Vector], height: int, width: int) -> list[HalfPlane]:
-    """The half-planes whose intersection is what a clip-space triangle [3] of (x, y, z, w) shows at w > 0 and z >= -w.
+def outline(corners: Sequence[Vector], height: int, width: int, arithmetic: Arithmetic = EXACT) -> list[HalfPlane]:
+    """The half-planes whose intersection is what a clip-space triangle [3] of (x, y, z, w) shows behind the near plane, at w > 0.
 
     A point of the triangle is ``sum u_m * corner_m``, u >= 0. It appears at normalized device coordinates (nx, ny) where its
     (x, y, w) is a positive multiple of n = (nx, ny, 1), which Cramer's rule solves: u_m = det(n, next, one after) / det(all),
-    linear in nx and ny. So is z + w at that point. An empty list: the triangle is seen edge-on and shows nothing.
+    linear in nx and ny. So is the distance from the near plane at that point. An empty list: the triangle is seen edge-on and
+    shows nothing.
     """
     exact = [[Fraction(c) for c in corner] for corner in corners]
     x_y_w = [(x, y, w) for x, y, _, w in exact]
@@ -397,7 +578,8 @@ def outline(corners: Sequence[Vector], height: int, width: int) -> list[HalfPlan
     if det == 0:
         return []
     lines = [[c / det for c in normal] for normal in normals]
-    near = [(corner[2] + corner[3], line) for corner, line in zip(exact, lines, strict=True)]
+    distances = [w - z if arithmetic.reversed else z + w for _, _, z, w in exact]
+    near = list(zip(distances, lines, strict=True))
     lines.append([sum((distance * line[k] for distance, line in near), Fraction(0)) for k in range(3)])
     # nx = 2x / W - 1, ny = 1 - 2y / H
     return [_integral(2 * a / width, -2 * b / height, c - a + b) for a, b, c in lines]

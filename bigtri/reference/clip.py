@@ -54,19 +54,25 @@ def clip_planes(height: int, width: int, arithmetic: Arithmetic = EXACT) -> tupl
     The guard planes say that half * W * (x/w + 1), the snapped X, lies in [-guard, guard - 1], and the same for Y, which points
     down; half and guard are those of the rung.
     """
+    if arithmetic.reversed:
+        near, depth = Plane(W, 1.0, Z, -1.0), Plane(W, 4.0, Z, 1.0)
+    else:
+        near, depth = Plane(Z, 1.0, W, 1.0), Plane(W, 4.0, Z, -1.0)
     half_w, half_h = float(arithmetic.half * width), float(arithmetic.half * height)
     guard = arithmetic.guard
     return (
-        Plane(Z, 1.0, W, 1.0),
+        near,
         Plane(X, half_w, W, half_w + guard),
         Plane(W, guard - 1 - half_w, X, -half_w),
         Plane(W, half_h + guard, Y, -half_h),
         Plane(W, guard - 1 - half_h, Y, half_h),
-        Plane(W, 4.0, Z, -1.0),  # keeps z/w finite
+        depth,  # keeps z/w finite
     )
 
 
-def clip(corners: NDArray[np.float64], planes: tuple[Plane, ...]) -> tuple[Polygons, NDArray[np.int64]]:
+def clip(
+    corners: NDArray[np.float64], planes: tuple[Plane, ...], arithmetic: Arithmetic = EXACT
+) -> tuple[Polygons, NDArray[np.int64]]:
     """Clips the triangles ``corners`` [C, 3, 4] that some plane cuts.
 
     Returns:
@@ -83,8 +89,9 @@ def clip(corners: NDArray[np.float64], planes: tuple[Plane, ...]) -> tuple[Polyg
         edges=np.tile(_EDGES_OF_SLOT, count),
         made=np.zeros(3 * count, np.uint8),
     )
+    cut = _cut_in_float32 if arithmetic.precision.clip == "float32" else _cut
     for number, plane in enumerate(planes):
-        polygons = _cut(polygons, slots, plane, number)
+        polygons = cut(polygons, slots, plane, number)
     return _drawable(polygons, count), corner
 
 
@@ -110,11 +117,40 @@ def _cut(polygons: Polygons, slots: NDArray[np.float64], plane: Plane, number: i
     inside = (plane.distance(polygons.position) >= 0) | ~crosses[polygons.owner]  # [M]
     following = _following(polygons.owner)
     a = np.flatnonzero(inside != inside[following])  # the polygon edges a -> b that the plane crosses
-    made = _crossing_vertices(polygons, a, following[a], slots, plane, number)
+    return _with_new(polygons, inside, a, _crossing_vertices(polygons, a, following[a], slots, plane, number))
+
+
+def _with_new(polygons: Polygons, inside: NDArray[np.bool_], a: NDArray[np.int64], made: Polygons) -> Polygons:
+    """The vertices that are ``inside`` [M], and behind each vertex a[i] the vertex made[i]."""
     # The vertex made on the edge that begins at vertex i comes right behind it, so they get the sort keys 2i + 1 and 2i.
     order = np.argsort(np.concatenate([2 * np.flatnonzero(inside), 2 * a + 1]))
     fields: zip[tuple[NDArray[Any], NDArray[Any]]] = zip(polygons, made, strict=True)
     return Polygons(*(np.concatenate([old[inside], new])[order] for old, new in fields))
+
+
+def _cut_in_float32(polygons: Polygons, slots: NDArray[np.float64], plane: Plane, number: int) -> Polygons:
+    """The same as published code does it: ``a + (b - a) * (da / (da - db))`` on the polygon edge from a to b, in float32.
+
+    Positions and weights are float32 values all along. What leaves float32's range leaves a polygon that is not drawn.
+    """
+    crosses = np.any(plane.distance(slots) < 0, axis=1)  # [C]; exact in sign, of the original vertices
+    position = polygons.position.astype(np.float32)
+    with np.errstate(all="ignore"):
+        distance = np.float32(plane.a) * position[:, plane.p] + np.float32(plane.b) * position[:, plane.q]
+        inside = (distance >= 0) | ~crosses[polygons.owner]
+        following = _following(polygons.owner)
+        a = np.flatnonzero(inside != inside[following])
+        b = following[a]
+        share = (distance[a] / (distance[a] - distance[b]))[:, None]
+        weights = polygons.weights.astype(np.float32)
+        made = Polygons(
+            polygons.owner[a],
+            (position[a] + (position[b] - position[a]) * share).astype(np.float64),
+            (weights[a] + (weights[b] - weights[a]) * share).astype(np.float64),
+            polygons.edges[a] & polygons.edges[b],
+            (polygons.made[a] & polygons.made[b]) | np.uint8(1 << number),
+        )
+    return _with_new(polygons, inside, a, made)
 
 
 def _following(owner: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -176,8 +212,9 @@ def _meet(
 
 
 def _drawable(polygons: Polygons, count: int) -> Polygons:
-    """Without the polygons of fewer than 3 vertices and those with a vertex at w <= 0."""
+    """Without the polygons of fewer than 3 vertices, and those with a vertex at w <= 0 or, of float32, one that is not finite."""
     sizes = np.bincount(polygons.owner, minlength=count)
-    behind = np.bincount(polygons.owner[polygons.position[:, W] <= 0], minlength=count)
+    lost = (polygons.position[:, W] <= 0) | ~np.isfinite(polygons.position).all(axis=1)
+    behind = np.bincount(polygons.owner[lost], minlength=count)
     keep = ((sizes >= 3) & (behind == 0))[polygons.owner]
     return Polygons(*(field[keep] for field in polygons))

@@ -48,8 +48,14 @@ def edge_values(edges: Edges, px: NDArray[np.int64], py: NDArray[np.int64], arit
 
     In subpx^2. Two products of a 25 bit difference and a 25 bit difference: 51 bits and a sign, exact in float64 too.
     """
-    sample_x = arithmetic.subpixel * np.asarray(px, np.int64)[..., None] + arithmetic.half
-    sample_y = arithmetic.subpixel * np.asarray(py, np.int64)[..., None] + arithmetic.half
+    return edge_values_of_each(edges, np.asarray(px, np.int64)[..., None], np.asarray(py, np.int64)[..., None], arithmetic)
+
+
+def edge_values_of_each(
+    edges: Edges, px: NDArray[np.int64], py: NDArray[np.int64], arithmetic: Arithmetic = EXACT
+) -> NDArray[np.int64]:
+    """The same, at the centre of a pixel (px, py) [..., 3] for each edge."""
+    sample_x, sample_y = arithmetic.subpixel * px + arithmetic.half, arithmetic.subpixel * py + arithmetic.half
     return edges.dx * (sample_y - edges.y) - edges.dy * (sample_x - edges.x)
 
 
@@ -62,16 +68,6 @@ def stepped_values(
     in y.
     """
     return (edge_values(edges, px, py, arithmetic) + edges.bias) >> arithmetic.subpixel_bits
-
-
-def rise(edges: Edges, size: int) -> NDArray[np.int64]:
-    """How far each f [..., 3] rises at most from the first pixel centre of a square of size x size px to another one in it."""
-    return (size - 1) * (np.maximum(-edges.dy, 0) + np.maximum(edges.dx, 0))
-
-
-def fall(edges: Edges, size: int) -> NDArray[np.int64]:
-    """How far each f [..., 3] falls at most, as a number >= 0; see ``rise``."""
-    return (size - 1) * (np.maximum(edges.dy, 0) + np.maximum(-edges.dx, 0))
 
 
 def ramp(counts: NDArray[np.int64]) -> NDArray[np.int64]:

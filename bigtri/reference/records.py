@@ -21,6 +21,9 @@ class Records(NamedTuple):
     corner: Any  # int32 [N, 3], corner of the parent that record vertex k (not clipped) or slot k (clipped) is
     weights: Any  # float64 [N, 3, 3], row k: homogeneous weights of record vertex k over the slots
     clipped: Any  # bool [N]
+    # float32 [N, 3, 2], vertices in px, not snapped, of a rung whose coverage needs them; of any other [N, 0, 2]. A set-up of
+    # one's own, which makes records of `exact`, may leave it out.
+    place: Any = None
 
 
 class Bins(NamedTuple):

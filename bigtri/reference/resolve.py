@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
+from .coverage import is_inside, sides_of
 from .float_mode import default_float_mode
-from .numerics import BACKGROUND, edges_of, stepped_values
+from .numerics import BACKGROUND
 from .records import Records
 from .setup import setup
 
@@ -61,8 +62,7 @@ def _first_covering(
     end = np.searchsorted(records.triangle, parent, side="right")
     open_ = np.flatnonzero(candidate < end)  # the pixels still to be decided
     while open_.size:
-        edges = edges_of(records.xy[candidate[open_]])
-        covers = (stepped_values(edges, x[open_], y[open_], arithmetic) >= 0).all(axis=1)
+        covers = is_inside(sides_of(records, candidate[open_], arithmetic), x[open_], y[open_]).all(axis=1)
         found[open_[covers]] = candidate[open_[covers]]
         candidate[open_] += 1
         open_ = open_[~covers & (candidate[open_] < end[open_])]

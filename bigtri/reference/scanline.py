@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
+from .coverage import is_inside_each, sides_of
 from .float_mode import default_float_mode
 from .numerics import BIN, TILE, TILES, edges_of, ramp, stepped_values
 from .records import Records
@@ -68,19 +69,55 @@ def _small_spans(records: Records, small: NDArray[np.int32], arithmetic: Arithme
 def _row_spans(
     records: Records, record: NDArray[np.int64], y: NDArray[np.int64], arithmetic: Arithmetic
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """[lower, upper) int64 [R], px: record[i]'s covered pixels on row y[i], cut to its bbox; lower >= upper where there are none.
+    """[lower, upper) int64 [R], px: record[i]'s covered pixels on row y[i], in its bbox; lower >= upper where there are none."""
+    left, top, right, bottom = records.bbox[record].astype(np.int64).T[..., None]  # [R, 1] each
+    cut = _bisected if arithmetic.has_float_coverage else _divided
+    lower, upper = cut(records, record, y, left, right, arithmetic)
+    missed = (y < top[:, 0]) | (y >= bottom[:, 0])
+    lower = np.maximum(lower, left[:, 0])
+    return lower, np.where(missed, lower, np.minimum(upper, right[:, 0]))
+
+
+def _divided(
+    records: Records,
+    record: NDArray[np.int64],
+    y: NDArray[np.int64],
+    left: NDArray[np.int64],
+    right: NDArray[np.int64],
+    arithmetic: Arithmetic,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """[lower, upper) [R] of rows y, by division, within the columns [left, right) [R, 1].
 
     A pixel x is covered where f - dy * x >= 0 for all three edges, f being the value at pixel 0 of the row. Hence
     dy < 0: x >= -f / |dy|, so x >= ceil(-f / |dy|) = -floor(f / |dy|);
     dy > 0: x <= f / dy, so x < floor(f / dy) + 1;
     dy = 0: the edge takes all of the row or nothing.
     """
-    left, top, right, bottom = records.bbox[record].astype(np.int64).T[..., None]  # [R, 1] each
     edges = edges_of(records.xy[record])
     f = stepped_values(edges, np.zeros_like(y), y, arithmetic)  # [R, 3]
     quotient = f // np.maximum(np.abs(edges.dy), 1)  # floor, also of negative numbers
     lower = np.where(edges.dy < 0, -quotient, left).max(axis=1)
     upper = np.where(edges.dy > 0, quotient + 1, right).min(axis=1)
-    missed = ((edges.dy == 0) & (f < 0)).any(axis=1) | (y < top[:, 0]) | (y >= bottom[:, 0])
-    lower = np.maximum(lower, left[:, 0])
-    return lower, np.where(missed, lower, np.minimum(upper, right[:, 0]))
+    missed = ((edges.dy == 0) & (f < 0)).any(axis=1)
+    return lower, np.where(missed, lower, upper)
+
+
+def _bisected(
+    records: Records,
+    record: NDArray[np.int64],
+    y: NDArray[np.int64],
+    left: NDArray[np.int64],
+    right: NDArray[np.int64],
+    arithmetic: Arithmetic,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The same where values are rounded: each edge is monotone along a row, so halving finds its first pixel on the other side.
+
+    An edge that rises to the right has its pixels on that side, any other one has them on the left, or has all or none.
+    """
+    sides = sides_of(records, record, arithmetic)
+    low, high = (np.repeat(limit, 3, axis=1) for limit in (left, right))  # [R, 3]: the pixel sought lies in [low, high]
+    while (low < high).any():
+        middle = (low + high) // 2
+        beyond = (is_inside_each(sides, middle, y[:, None]) == sides.rises_x) | (low == high)
+        low, high = np.where(beyond, low, middle + 1), np.where(beyond, middle, high)
+    return np.where(sides.rises_x, low, left).max(axis=1), np.where(sides.rises_x, right, low).min(axis=1)

@@ -26,6 +26,7 @@ class _Snapped(NamedTuple):
     corner: NDArray[np.int64]  # [N, 3]
     weights: NDArray[np.float64]  # [N, 3, 3]
     clipped: NDArray[np.bool_]  # [N]
+    place: NDArray[np.float32]  # [N, 3 or 0, 2], px
 
 
 @default_float_mode
@@ -62,9 +63,9 @@ def setup(
     # Inside all planes w >= 0, and w = 0 only at the origin of clip space, which is nowhere on the screen.
     whole = np.flatnonzero(candidate & uncut & (corners[:, :, W] > 0).all(axis=1))
     parts = [_snap_whole(whole, corners[whole], height, width, arithmetic)]
-    cut = np.flatnonzero(candidate & ~uncut)
+    cut = np.flatnonzero(candidate & ~uncut & (arithmetic.precision.clip != "none"))
     if cut.size:
-        polygons, corner = clip(corners[cut].astype(np.float64), planes)
+        polygons, corner = clip(corners[cut].astype(np.float64), planes, arithmetic)
         parts.append(_snap_polygons(cut, polygons, corner, height, width, arithmetic))
     fields: list[Any] = [np.concatenate(field) for field in zip(*parts, strict=True)]
     order = np.argsort(fields[0], kind="stable")  # by triangle; stable: sub-triangles stay in fan order
@@ -80,12 +81,23 @@ def _snap_whole(
     return _Snapped(
         triangle,
         _snap(corners.astype(np.float64), height, width, arithmetic),
-        _window_depth(corners[..., Z], corners[..., W]),  # float32 throughout
+        _vertex_depth(corners[..., Z], corners[..., W], arithmetic),  # float32 throughout
         corners[..., W].astype(np.float64),
         corner=np.tile(np.arange(3), (count, 1)),
         weights=np.tile(np.eye(3), (count, 1, 1)),
         clipped=np.zeros(count, np.bool_),
+        place=_place(corners, height, width, arithmetic),
     )
+
+
+def _place(position: NDArray[np.floating], height: int, width: int, arithmetic: Arithmetic) -> NDArray[np.floating]:
+    """[N, 3, 2] of ``position`` [N, 3, 4]: vertices in px, y down, in its precision; [N, 0, 2] if the rung needs none."""
+    if not arithmetic.is_unsnapped:
+        return np.zeros((len(position), 0, 2), position.dtype)
+    x, y, w = position[..., X], position[..., Y], position[..., W]
+    size_x, size_y = position.dtype.type(width), position.dtype.type(height)
+    with np.errstate(over="ignore", under="ignore"):
+        return np.stack([((x / w) * 0.5 + 0.5) * size_x, (0.5 - (y / w) * 0.5) * size_y], axis=-1)
 
 
 def _snap(position: NDArray[np.float64], height: int, width: int, arithmetic: Arithmetic) -> NDArray[np.int64]:
@@ -110,13 +122,32 @@ def _snap_polygons(
 ) -> _Snapped:
     """The fans of clipped ``polygons``; ``triangle`` [C] and ``corner`` [C, 3] are by owner."""
     xy = _snap_clipped(polygons, height, width, arithmetic)  # [M, 2]
-    z = _clipped_depth(polygons)  # [M]
+    z = _clipped_depth(polygons, arithmetic)  # [M]
     w = polygons.position[:, W]
     fan = _fans(polygons.owner, xy, z, w)  # [N, 3]
     owner = polygons.owner[fan[:, 0]]
     return _Snapped(
-        triangle[owner], xy[fan], z[fan], w[fan], corner[owner], polygons.weights[fan], clipped=np.ones(len(fan), np.bool_)
+        triangle[owner],
+        xy[fan],
+        z[fan],
+        w[fan],
+        corner[owner],
+        polygons.weights[fan],
+        clipped=np.ones(len(fan), np.bool_),
+        place=_clipped_place(polygons, fan, height, width, arithmetic),
     )
+
+
+def _clipped_place(
+    polygons: Polygons, fan: NDArray[np.int64], height: int, width: int, arithmetic: Arithmetic
+) -> NDArray[np.float32]:
+    """float32 [N, 3 or 0, 2]: of an original vertex as an unclipped triangle has it, of a new one in float64, rounded once."""
+    position = polygons.position[fan]  # [N, 3, 4]
+    made = _place(position, height, width, arithmetic).astype(np.float32)
+    if not arithmetic.is_unsnapped:
+        return made
+    original = _place(position.astype(np.float32), height, width, arithmetic)
+    return np.where(polygons.made[fan][..., None] == 0, original, made)
 
 
 def _snap_clipped(polygons: Polygons, height: int, width: int, arithmetic: Arithmetic) -> NDArray[np.int64]:
@@ -128,20 +159,24 @@ def _snap_clipped(polygons: Polygons, height: int, width: int, arithmetic: Arith
     return xy
 
 
-def _clipped_depth(polygons: Polygons) -> NDArray[np.float32]:
-    """float32 [M]: window depth, not negative; of an original vertex as an unclipped triangle has it, +0 on the near plane."""
+def _clipped_depth(polygons: Polygons, arithmetic: Arithmetic) -> NDArray[np.float32]:
+    """float32 [M]: depth, not nearer than the near plane; of an original vertex as an unclipped triangle has it."""
     z, w = polygons.position[:, Z], polygons.position[:, W]
-    depth = np.maximum(_window_depth(z, w).astype(np.float32), np.float32(0))
+    depth = _vertex_depth(z, w, arithmetic).astype(np.float32)
+    depth = np.minimum(depth, np.float32(1)) if arithmetic.reversed else np.maximum(depth, np.float32(0))
     original = polygons.made == 0
-    depth[original] = _window_depth(z[original].astype(np.float32), w[original].astype(np.float32))
-    depth[_made_by(polygons, NEAR)] = 0
+    depth[original] = _vertex_depth(z[original].astype(np.float32), w[original].astype(np.float32), arithmetic)
+    depth[_made_by(polygons, NEAR)] = 1 if arithmetic.reversed else 0
     return depth
 
 
-def _window_depth(z: NDArray[np.floating], w: NDArray[np.floating]) -> NDArray[np.floating]:
-    """0 at the near plane, 1 at the far one; in the precision of its arguments, each operation rounded to it."""
+def _vertex_depth(z: NDArray[np.floating], w: NDArray[np.floating], arithmetic: Arithmetic) -> NDArray[np.floating]:
+    """Window depth, 0 at the near plane and 1 at the far one, or reversed depth, 1 at the near plane and 0 at the far one.
+
+    In the precision of its arguments, each operation rounded to it.
+    """
     with np.errstate(over="ignore", under="ignore"):
-        return (z / w) * 0.5 + 0.5
+        return z / w if arithmetic.reversed else (z / w) * 0.5 + 0.5
 
 
 def _made_by(polygons: Polygons, plane: int) -> NDArray[np.bool_]:
@@ -187,6 +222,7 @@ def _records(snapped: _Snapped, height: int, width: int, cull: str, scissor: Sci
         corner=np.where(clipped, snapped.corner, snapped.corner[row, vertex]).astype(np.int32),
         weights=np.where(clipped[:, :, None], snapped.weights[row, vertex], snapped.weights),
         clipped=snapped.clipped,
+        place=np.take_along_axis(snapped.place, vertex[:, :, None], axis=1) if arithmetic.is_unsnapped else snapped.place,
     )
 
 
@@ -210,6 +246,6 @@ def _bbox(xy: NDArray[np.int64], height: int, width: int, scissor: Scissor | Non
 def _vertex_order(xy: NDArray[np.int64], area: NDArray[np.int64]) -> NDArray[np.int64]:
     """int64 [N, 3]: the vertices in the order that makes the area positive and puts the smallest (X, Y) first."""
     order = np.where(area[:, None] < 0, [0, 2, 1], [0, 1, 2])
-    key = (xy[..., 0] << 25) + xy[..., 1]  # |Y| <= 2^23 < 2^24, so X decides first; no two vertices are equal
+    key = (xy[..., 0] << 32) + xy[..., 1]  # |Y| <= 2^30 < 2^31, so X decides first; no two vertices are equal
     first = np.argmin(np.take_along_axis(key, order, axis=1), axis=1)
     return np.take_along_axis(order, (first[:, None] + np.arange(3)) % 3, axis=1)

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import EXACT, Arithmetic
+from .coverage import fills, sides_of, touches
 from .float_mode import default_float_mode
-from .numerics import BIN, TILE, TILES, edges_of, fall, rise, stepped_values
+from .numerics import BIN, TILE, TILES
 from .records import Records
 
 
@@ -27,18 +28,14 @@ def tile_mask(
         outside and the tile meets the bbox; and: every edge has all of the tile's 64 pixel centres inside. An entry that touches
         no tile stays in the arrays, as 0.
     """
-    edges = edges_of(records.xy[queue[:, 0]])
-    left, top = (BIN * queue[:, axis].astype(np.int64) for axis in (1, 2))  # px
-    corner = stepped_values(edges, left, top, arithmetic)  # [Q, 3]
+    record, column, row = queue.astype(np.int64).T[:, :, None, None]  # [Q, 1, 1] each
+    sides = sides_of(records, record, arithmetic)
     tile = TILE * np.arange(TILES)  # px from the bin's first pixel
-    # f at each tile's first pixel centre: [Q, row, column, 3]
-    f = (
-        corner[:, None, None]
-        + edges.dx[:, None, None] * tile[None, :, None, None]
-        - edges.dy[:, None, None] * tile[None, None, :, None]
-    )
-    touched = (f + rise(edges, TILE)[:, None, None] >= 0).all(axis=3) & _meets_bbox(records, queue)
-    full = (f - fall(edges, TILE)[:, None, None] >= 0).all(axis=3) & touched
+    left, top = BIN * column + tile, BIN * row + tile[:, None]  # [Q, 1, column], [Q, row, 1], px
+    touched = touches(sides, left, top, TILE)
+    if arithmetic.precision.mask != "none":
+        touched &= _meets_bbox(records, queue)
+    full = fills(sides, left, top, TILE) & touched
     return _as_bits(touched), _as_bits(full)
 
 

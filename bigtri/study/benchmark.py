@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..check import stages
 from ..ops.rasterize import rasterize
-from ..precision import DEFAULT
+from ..precision import DEFAULT, RUNGS
 from ..reference.numerics import BACKGROUND
 from . import provenance, scenes
 from .clock import Timing, clock, peak_mib, setting, summary
@@ -136,10 +136,11 @@ class Job:
     def fragments(self) -> int:
         """Covered samples of all triangles: the spans' lengths, every record taken row by row."""
         scene = self.positions.numpy(), self.triangles.numpy()
-        records, _ = stages.setup(*scene, self.height, self.width, backend="native", precision=self.precision)
+        backend = "reference" if RUNGS[self.precision].is_unsnapped else "native"  # which has no stages for such a rung
+        records, _ = stages.setup(*scene, self.height, self.width, backend=backend, precision=self.precision)
         every = np.arange(len(records.triangle), dtype=np.int32)
         no_queue, no_tiles = np.empty((0, 3), np.int32), np.empty(0, np.int64)
-        spans = stages.scanline(records, no_queue, no_tiles, every, backend="native", precision=self.precision)
+        spans = stages.scanline(records, no_queue, no_tiles, every, backend=backend, precision=self.precision)
         return int((spans[:, 3] - spans[:, 2]).sum(dtype=np.int64))
 
     def row(self, threads: int, isa: str) -> Row:

@@ -21,6 +21,12 @@ pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is
 CSRC = Path(bigtri.__file__).parent / "csrc"
 FEW = ("behind_camera", "guard_band", "clipped_fans", "layers", "long_slivers", "mesh_of_small", "small_on_cells", "on_bins")
 VARIANTS = native.VARIANTS.get("cpu", ())
+COMPILED = tuple(native.REGISTRY.get("cpu", ()))
+COUNTED = tuple(name for name in COMPILED if len(native.REGISTRY["cpu"][name]) > 1)
+# What the rungs share is the same source: the cases in which depths, clipping and thin records show are enough for the others.
+LADDER_CASES = ("behind_camera", "clipped_fans", "guard_band", "long_slivers", "on_bins", "on_centres", "on_planes")
+STAGED = tuple(name for name in COMPILED if not RUNGS[name].is_unsnapped)  # have their stages one by one
+RUNG_AND_CASE = [(rung, name) for rung in COMPILED[1:] for name in (CASES if rung in COUNTED else LADDER_CASES)]
 
 
 def make(name: str) -> Case:
@@ -36,36 +42,50 @@ def same(a: bigtri.Visibility, b: bigtri.Visibility) -> bool:
 @pytest.mark.skipif(not CSRC.exists(), reason="the sources are not here")
 def test_the_rungs_are_those_of_the_header() -> None:
     text = (CSRC / "core/precision.h").read_text()
-    bits = {name: int(n) for name, n in re.findall(r"struct (\w+)[^{]*\{\s*static constexpr int kSubpixelBits = (\d+);", text)}
-    assert bits == {name: rung.subpixel_bits for name, rung in RUNGS.items()}
-    assert tuple(re.findall(r"X\((\w+)\)", text.partition("BIGTRI_RUNGS(X)")[2])) == PRECISIONS
+    constants: dict[str, dict[str, str]] = {}
+    for name, base, body in re.findall(r"struct (\w+)(?: : (\w+))? \{\n(.*?)\n\};", text, re.S):
+        own = re.findall(r"static constexpr \w+ (\w+) = (?:\w+::)?(\w+);", body)
+        constants[name] = {**constants.get(base, {}), **dict(own)}
+    for name, rung in RUNGS.items():
+        assert constants[name]["kSubpixelBits"] == str(rung.subpixel_bits), name
+        fixed = rung.precision.coverage.startswith("fixed")
+        coverage = "kFixed" if fixed else "k" + rung.precision.coverage.title().replace("_", "")
+        assert constants[name]["kCoverage"] == coverage, name
+        wide = rung.subpixel_bits > 8 or rung.precision.coverage == "fixed8_int64"
+        assert constants[name]["kWideEdges"] == ("true" if wide else "false"), name
+        assert constants[name]["kMask"] == "k" + rung.precision.mask.title().replace("_", ""), name
+        for constant, choice in (("kClip", rung.precision.clip), ("kAttributes", rung.precision.attributes)):
+            assert constants[name][constant] == "k" + choice.title(), name
+        assert constants[name]["kDepth"] == "k" + rung.precision.depth.title().replace("_", ""), name
+    listed = [re.findall(r"X\((\w+)\)", text.partition(f"#define {lists}(X)")[2]) for lists in ("BIGTRI_RUNGS", "BIGTRI_LADDER")]
+    assert tuple(listed[0]) == PRECISIONS, "BIGTRI_RUNGS, and then BIGTRI_LADDER, in the order of RUNGS"
     on_cuda = re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\)", (CSRC / "cuda/variants.h").read_text())
-    assert {*on_cuda} == {*PRECISIONS}, "csrc/cuda/variants.h has one list of variants per rung"
+    assert on_cuda == [*PRECISIONS[: len(PRECISIONS) - len(listed[1])]], "csrc/cuda/variants.h lists what is in BIGTRI_RUNGS"
 
 
 @pytest.mark.skipif(not CSRC.exists(), reason="the sources are not here")
 def test_the_variants_are_those_of_the_header() -> None:
     """A variant is copied from another one, whose name it may have kept; it would hide that one, or be hidden by it."""
-    listed = re.findall(r"X\((\w+)\)", (CSRC / "cpu/variants.h").read_text().partition("BIGTRI_CPU_VARIANTS(X)")[2])
-    for precision in PRECISIONS:
-        assert [*native.REGISTRY["cpu"][precision]] == listed, precision
-    assert {*COUNTS} == {*listed}, "bigtri/reference/variants has one file per variant of the CPU"
+    lists = re.findall(r"#define BIGTRI_CPU_VARIANTS_(\w+)\(X\)(.*)", (CSRC / "cpu/variants.h").read_text())
+    assert tuple(rung for rung, _ in lists) == PRECISIONS
+    for rung, names in lists:
+        if rung in COMPILED:
+            assert [*native.REGISTRY["cpu"][rung]] == re.findall(r"X\((\w+)\)", names), rung
+    assert {*COUNTS} == {*VARIANTS}, "bigtri/reference/variants has one file per variant of the CPU"
 
 
-@pytest.mark.parametrize("precision", PRECISIONS[1:])
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(("precision", "name"), RUNG_AND_CASE)
 def test_every_rung_has_its_reference_s_bits(name: str, precision: str) -> None:
     case = make(name)
     wanted = bigtri.rasterize(*case, precision=precision, backend="reference")
     for isa in native.isa_levels():
-        for variant in VARIANTS:
+        for variant in native.REGISTRY["cpu"][precision]:
             with native.using_isa(isa):
                 seen = bigtri.rasterize(*case, precision=precision, variant=variant, backend="native")
             assert same(seen, wanted), (isa, variant)
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
-@pytest.mark.parametrize("name", FEW)
+@pytest.mark.parametrize(("precision", "name"), [(r, n) for r in STAGED for n in (FEW if r in COUNTED else FEW[:3])])
 def test_stages_and_attributes_of_a_rung(name: str, precision: str) -> None:
     positions, triangles, (height, width) = make(name)
     colors = np.random.default_rng(0).random((len(positions), 3), np.float32)
@@ -86,6 +106,23 @@ def test_stages_and_attributes_of_a_rung(name: str, precision: str) -> None:
         a, b = np.asarray(a), np.asarray(b)
         assert a.dtype == b.dtype or a.ndim == 0
         assert a.tobytes() == b.tobytes() if a.ndim else a == b
+
+
+@pytest.mark.parametrize("precision", [name for name in COMPILED if name not in STAGED])
+@pytest.mark.parametrize("name", FEW[:4])
+def test_attributes_of_a_rung_without_stages(name: str, precision: str) -> None:
+    positions, triangles, resolution = make(name)
+    colors = np.random.default_rng(0).random((len(positions), 3), np.float32)
+    seen = bigtri.rasterize(positions, triangles, resolution, precision=precision)
+    for draw in (bigtri.barycentrics, lambda *given, **how: bigtri.interpolate(colors, *given, **how)):
+        images = [draw(seen, positions, triangles, precision=precision, backend=b) for b in ("reference", "native")]
+        assert np.asarray(images[0]).tobytes() == np.asarray(images[1]).tobytes()
+    with pytest.raises(ValueError, match=f"bigtri.setup: backend must be 'reference' with precision '{precision}'"):
+        stages.setup(positions, triangles, *resolution, backend="native", precision=precision)
+    with pytest.raises(RuntimeError, match="bigtri::setup: precision must be one whose records hold all that coverage needs"):
+        torch.ops.bigtri.setup(
+            *map(torch.from_numpy, (positions, triangles)), *resolution, cull="none", scissor=[0, 0, 1, 1], precision=precision
+        )
 
 
 def batch_of(case: Case) -> torch.Tensor:
@@ -112,7 +149,7 @@ def test_views_drawn_together_are_those_drawn_alone(name: str, variant: str) -> 
             assert same(bigtri.Visibility(*(field[b] for field in seen)), one), (parameters, b)
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("precision", COUNTED)
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("name", FEW)
 @pytest.mark.filterwarnings("ignore:invalid value")

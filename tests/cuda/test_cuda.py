@@ -31,7 +31,7 @@ from cuda_bits import (
 import bigtri
 from bigtri import native
 from bigtri.ops.rasterize import CULLS, Visibility
-from bigtri.precision import DEFAULT, PRECISIONS
+from bigtri.precision import DEFAULT
 
 pytestmark = needs_cuda
 
@@ -301,7 +301,7 @@ def test_settings_are_checked():
             draw(Scene("mixed"), variant="bin_owned", parameters=wrong)
 
 
-@pytest.mark.parametrize("precision", PRECISIONS[1:])
+@pytest.mark.parametrize("precision", [name for name in native.REGISTRY.get("cuda", {}) if name != DEFAULT])
 @pytest.mark.parametrize("name", CASES)
 def test_every_rung_has_the_cpu_s_bits(name, precision):
     positions, triangles, resolution = uploaded(Scene(name))

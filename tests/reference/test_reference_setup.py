@@ -58,9 +58,9 @@ def test_culling_and_scissor_equal_the_scalar_ones(cull: str, scissor: tuple[int
 
 def test_field_types() -> None:
     records = setup_one(on_grid(0, 0), on_grid(5000, 0), on_grid(0, 5000))
-    kinds = ["int32", "int32", "float32", "int64", "int32", "float64", "int32", "float64", "bool"]
+    kinds = ["int32", "int32", "float32", "int64", "int32", "float64", "int32", "float64", "bool", "float32"]
     assert [field.dtype.name for field in records] == kinds
-    shapes = [(1,), (1, 3, 2), (1, 3), (1,), (1, 4), (1, 3), (1, 3), (1, 3, 3), (1,)]
+    shapes = [(1,), (1, 3, 2), (1, 3), (1,), (1, 4), (1, 3), (1, 3), (1, 3, 3), (1,), (1, 0, 2)]
     assert [field.shape for field in records] == shapes
     none, _ = setup(np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32), 5, 7)
     assert [field.dtype.name for field in none] == kinds

@@ -12,12 +12,27 @@ BIGTRI_HD double edge_at(const Primitive& p, int k, int32_t x, int32_t y) {
   return (double)edge_value(edge_of(p.x, p.y, k), pixel_centre(x), pixel_centre(y));
 }
 
+constexpr AttributeRule kAttributeRule = Rung::kAttributes;
+constexpr bool kFloatWeights =
+    kAttributeRule == AttributeRule::kFloat32 || kAttributeRule == AttributeRule::kReciprocal;
+
 // Barycentrics b from the edge values e, not yet rounded to float32. They are the weights of the record's vertices if
 // the parent is not clipped, else of the slots, in that order. D is double or a vector of doubles.
 template <int kRecords, class D>
 BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const D e[3], D b[3]) {
   const double area = (double)parent.primitive[record].area;
   for (int k = 0; k < 3; ++k) b[k] = e[k] / area;
+  if constexpr (kAttributeRule == AttributeRule::kAffine) {
+    if (!parent.clipped) return;
+    double t[3][3];  // of the record's vertices, over the slots
+    for (int k = 0; k < 3; ++k) {
+      const double* of = parent.weights[record][k];
+      for (int m = 0; m < 3; ++m) t[k][m] = of[m] / ((of[0] + of[1]) + of[2]);
+    }
+    const D l0 = b[0], l1 = b[1], l2 = b[2];
+    for (int m = 0; m < 3; ++m) b[m] = (l0 * t[0][m] + l1 * t[1][m]) + l2 * t[2][m];
+    return;
+  }
   if (parent.affine) return;
   for (int k = 0; k < 3; ++k) b[k] = b[k] / parent.w[record][k];
   if (parent.clipped) {
@@ -27,6 +42,38 @@ BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const 
   }
   const D sum = (b[0] + b[1]) + b[2];
   for (int m = 0; m < 3; ++m) b[m] = b[m] / sum;
+}
+
+// 1 / v for positive v, specified down to its bits: an integer start and two Newton steps.
+BIGTRI_HD float reciprocal(float v) {
+  const float start = bits_float(0x7ef311c7u - float_bits(v));  // the exponent negated, and a line for the mantissa
+  const float once = start * (2.0f - v * start);
+  return once * (2.0f - v * once);
+}
+
+// v / by in float32, by the rung's rule. F and B are float, or vectors of it.
+template <class F, class B>
+BIGTRI_HD F float_over(const F& v, const B& by) {
+  if constexpr (kAttributeRule == AttributeRule::kReciprocal)
+    return v * reciprocal(by);
+  else
+    return v / by;
+}
+
+// The same as barycentrics, in float32: what is read is rounded to that first, as e is. F is float, or a vector of it.
+template <int kRecords, class F>
+BIGTRI_HD void float_barycentrics(const ParentOf<kRecords>& parent, int record, const F e[3], F b[3]) {
+  const float area = (float)parent.primitive[record].area;
+  for (int k = 0; k < 3; ++k) b[k] = float_over(e[k], area);
+  if (parent.affine) return;
+  for (int k = 0; k < 3; ++k) b[k] = float_over(b[k], (float)parent.w[record][k]);
+  if (parent.clipped) {
+    const double (*t)[3] = parent.weights[record];
+    const F u0 = b[0], u1 = b[1], u2 = b[2];
+    for (int m = 0; m < 3; ++m) b[m] = (u0 * (float)t[0][m] + u1 * (float)t[1][m]) + u2 * (float)t[2][m];
+  }
+  const F sum = (b[0] + b[1]) + b[2];
+  for (int m = 0; m < 3; ++m) b[m] = float_over(b[m], sum);
 }
 
 // One attribute channel, in float32. a0, a1, a2: its values at the corners that b belongs to (corner_of).

@@ -40,10 +40,10 @@ struct BinEdge {
 // The extremes of f over a square of (last + 1)^2 pixel centres, from its value at the first one. last is at most 63,
 // so the number added is at most 63 * (2^24 + 2^24) = 63/64 * 2^31 in magnitude, and fits int32.
 BIGTRI_HD int64_t lowest_of(int64_t f, int32_t sx, int32_t sy, int last) {
-  return f + last * (min_of(sx, 0) + min_of(sy, 0));
+  return f + (EdgeNumber)last * ((EdgeNumber)min_of(sx, 0) + min_of(sy, 0));
 }
 BIGTRI_HD int64_t highest_of(int64_t f, int32_t sx, int32_t sy, int last) {
-  return f + last * (max_of(sx, 0) + max_of(sy, 0));
+  return f + (EdgeNumber)last * ((EdgeNumber)max_of(sx, 0) + max_of(sy, 0));
 }
 
 // The same over last_x + 1 by last_y + 1 centres. F is int32_t if f fits that, else int64_t.

@@ -28,13 +28,14 @@ struct Plane {
 // planes 1 to 4.
 BIGTRI_HD Plane clip_plane(int k, int width, int height) {
   const double w = (double)kHalf * width, h = (double)kHalf * height, low = kGuard, high = kGuard - 1;
+  constexpr bool kReversed = Rung::kDepth == DepthRule::kReversed;
   switch (k) {
-    case 0: return {2, 3, 1.0, 1.0};
+    case 0: return kReversed ? Plane{3, 2, 1.0, -1.0} : Plane{2, 3, 1.0, 1.0};
     case 1: return {0, 3, w, w + low};
     case 2: return {3, 0, high - w, -w};
     case 3: return {3, 1, h + low, -h};
     case 4: return {3, 1, high - h, h};
-    default: return {3, 2, 4.0, -1.0};
+    default: return {3, 2, 4.0, kReversed ? 1.0 : -1.0};
   }
 }
 
@@ -122,6 +123,26 @@ BIGTRI_HD ClipVertex cut_edge(const Plane& plane, int plane_index, const ClipVer
   return n;
 }
 
+// In float32, as published code cuts (numerics.md 16): a distance, and the vertex on the polygon edge from a to b.
+BIGTRI_HD float float_distance(const Plane& plane, const double v[4]) {
+  return (float)plane.a * (float)v[plane.p] + (float)plane.b * (float)v[plane.q];
+}
+BIGTRI_HD ClipVertex cut_edge_in_float(int plane_index, const ClipVertex& a, const ClipVertex& b, float da, float db) {
+  const float share = da / (da - db);
+  ClipVertex n;
+  for (int i = 0; i < 4; ++i) {
+    const float from = (float)a.position[i], to = (float)b.position[i];
+    n.position[i] = from + (to - from) * share;
+  }
+  for (int i = 0; i < 3; ++i) {
+    const float from = (float)a.weights[i], to = (float)b.weights[i];
+    n.weights[i] = from + (to - from) * share;
+  }
+  n.edges = a.edges & b.edges;
+  n.made = cut_made(plane_index, a, b);
+  return n;
+}
+
 // The corner that becomes slot 0: the lexicographically smallest (x, y, z, w), the first one on a tie.
 BIGTRI_HD int first_slot(const float v[3][4]) {
   int best = 0;
@@ -163,6 +184,17 @@ BIGTRI_HD int clip_triangle(const float v[3][4], uint32_t outside, int width, in
     if (!(outside >> k & 1)) continue;
     const Plane plane = clip_plane(k, width, height);
     int m = 0;
+    if constexpr (Rung::kClip == ClipRule::kFloat32) {
+      for (int i = 0; i < n; ++i) {
+        const ClipVertex &a = polygon[i], &b = polygon[i + 1 == n ? 0 : i + 1];
+        const float da = float_distance(plane, a.position), db = float_distance(plane, b.position);
+        if (da >= 0) other[m++] = a;
+        if ((da >= 0) != (db >= 0)) other[m++] = cut_edge_in_float(k, a, b, da, db);
+      }
+      n = m;
+      for (int i = 0; i < n; ++i) polygon[i] = other[i];
+      continue;
+    }
     double da = plane_distance(plane, polygon[0].position);
     for (int i = 0; i < n; ++i) {
       const ClipVertex &a = polygon[i], &b = polygon[i + 1 == n ? 0 : i + 1];
@@ -175,8 +207,12 @@ BIGTRI_HD int clip_triangle(const float v[3][4], uint32_t outside, int width, in
     for (int i = 0; i < n; ++i) polygon[i] = other[i];
   }
   if (n < 3) return 0;
-  for (int i = 0; i < n; ++i)
+  for (int i = 0; i < n; ++i) {
     if (!(polygon[i].position[3] > 0)) return 0;
+    if constexpr (Rung::kClip == ClipRule::kFloat32)
+      for (int c = 0; c < 4; ++c)
+        if (!is_finite((float)polygon[i].position[c])) return 0;
+  }
   return n;
 }
 

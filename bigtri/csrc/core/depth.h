@@ -27,9 +27,8 @@ BIGTRI_HD D plane_column(double dzdx, D i) {
   return dzdx * i;
 }
 
-// z in float32, clamped to the record's own range, and never -0.
-BIGTRI_HD float finish_depth(double z, float zmin, float zmax) {
-  const float f = (float)z;
+// A depth, clamped to the record's own range, and never -0.
+BIGTRI_HD float clamp_depth(float f, float zmin, float zmax) {
 #if defined(__CUDA_ARCH__)
   // fminf and fmaxf are one instruction each. Of zeros with different signs they may choose the other one; adding +0.0f
   // makes +0 of both.
@@ -38,6 +37,9 @@ BIGTRI_HD float finish_depth(double z, float zmin, float zmax) {
   return min_of(max_of(f, zmin), zmax) + 0.0f;
 #endif
 }
+
+// The same, rounded to float32 first.
+BIGTRI_HD float finish_depth(double z, float zmin, float zmax) { return clamp_depth((float)z, zmin, zmax); }
 
 // A record's depth plane over one cell.
 struct CellPlane {
@@ -62,11 +64,13 @@ BIGTRI_HD int32_t absolute(int32_t v) { return v < 0 ? -v : v; }
 
 // Whether depth has to be computed without the plane, whose terms would cancel. area: twice the area, subpx^2.
 BIGTRI_HD bool is_thin(const int32_t x[3], const int32_t y[3], int64_t area) {
-  int32_t length = 0;  // subpx; |dx| + |dy| < 2^25 for each edge, so it stays below 2^27
+  EdgeNumber length = 0;  // subpx; |dx| + |dy| < 2^25 for each edge, so it stays below 2^27
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(x, y, k);
-    length += absolute(e.dx) + absolute(e.dy);
+    length += (EdgeNumber)absolute(e.dx) + absolute(e.dy);
   }
+  // With wide edges kThinRatio * area may not fit. kSubpixel is a multiple of it then.
+  if constexpr (Rung::kWideEdges) return kSubpixel / kThinRatio * length > area;
   return (int64_t)kSubpixel * length > kThinRatio * area;
 }
 

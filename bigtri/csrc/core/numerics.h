@@ -28,9 +28,17 @@ using Rung = rungs::BIGTRI_RUNG;
 constexpr int kSubpixelBits = Rung::kSubpixelBits;
 constexpr int kSubpixel = 1 << kSubpixelBits;  // subpx per px; s in numerics.md
 constexpr int kHalf = kSubpixel / 2;  // from a pixel's border to its centre, subpx; h in numerics.md
-constexpr int kGuard = 1 << (15 + kSubpixelBits);  // X and Y lie in [-kGuard, kGuard - 1] subpx; G in numerics.md
-// All bounds on integers in core/ are proved for 8 sub-pixel bits. Fewer bits only make the integers smaller.
-static_assert(kSubpixelBits <= 8, "more sub-pixel bits need wider integers");
+// X and Y lie in [-kGuard, kGuard - 1] subpx; G in numerics.md
+constexpr int kGuard = 1 << (kSubpixelBits <= 15 ? 15 + kSubpixelBits : 30);
+// All bounds on integers in core/ are proved for 8 sub-pixel bits. Fewer bits only make the integers smaller. More need
+// kWideEdges; numerics.md 14 has the bounds for those.
+static_assert(kSubpixelBits <= 8 || (Rung::kWideEdges && kSubpixelBits <= 16), "more bits need wider integers");
+// f of an edge at a pixel of a bin.
+using EdgeNumber = std::conditional_t<Rung::kWideEdges, int64_t, int32_t>;
+constexpr bool kFloatCoverage = Rung::kCoverage != CoverageRule::kFixed;
+// Whether coverage is that of vertices that are not snapped.
+constexpr bool kUnsnapped =
+    Rung::kCoverage == CoverageRule::kFloat32Inclusive || Rung::kCoverage == CoverageRule::kFloat32Strict;
 constexpr int64_t kLargeThreshold = 4000;  // a record whose bbox has more pixels is large; numerics.md 4
 constexpr int64_t kThinRatio = 32;  // decides which records are thin; numerics.md 7
 

@@ -3,7 +3,7 @@
 // bigtri/reference/resolve.py.
 #pragma once
 
-#include "setup.h"
+#include "coverage.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -41,6 +41,39 @@ BIGTRI_HD void set_fan_weights(const ClipVertex* polygon, int apex, int count, i
   }
 }
 
+// Where a vertex lies in px, not snapped, in float32 or in float64 as T is.
+template <class T>
+BIGTRI_HD T place_x(const T v[4], int width) {
+  return ((v[0] / v[3]) * (T)0.5 + (T)0.5) * (T)width;
+}
+template <class T>
+BIGTRI_HD T place_y(const T v[4], int height) {
+  return ((T)0.5 - (v[1] / v[3]) * (T)0.5) * (T)height;
+}
+
+// Sets the places of a primitive, made of a triangle's vertices v or of sub-triangle s of a fan, where the rung has any.
+// A vertex of the fan that clipping did not make is placed as in triangles that are not clipped.
+BIGTRI_HD void set_places(const float[3][4], const Viewport&, const int32_t[3], PlacesOf<false>*) {}
+BIGTRI_HD void set_places(const float v[3][4], const Viewport& view, const int32_t order[3], PlacesOf<true>* out) {
+  for (int k = 0; k < 3; ++k) {
+    out->px[k] = place_x(v[order[k]], view.width);
+    out->py[k] = place_y(v[order[k]], view.height);
+  }
+}
+BIGTRI_HD void set_fan_places(const Fan&, int, const Viewport&, const int32_t[3], PlacesOf<false>*) {}
+BIGTRI_HD void set_fan_places(const Fan& fan, int s, const Viewport& view, const int32_t order[3],
+                              PlacesOf<true>* out) {
+  int index[3];
+  fan_vertices(fan.apex, fan.count, s, index);
+  for (int k = 0; k < 3; ++k) {
+    const ClipVertex& source = fan.polygon[pick(index, order[k])];
+    float v[4];
+    for (int i = 0; i < 4; ++i) v[i] = (float)source.position[i];
+    out->px[k] = source.made ? (float)place_x(source.position, view.width) : place_x(v, view.width);
+    out->py[k] = source.made ? (float)place_y(source.position, view.height) : place_y(v, view.height);
+  }
+}
+
 // Sets up a parent triangle from its clip-space vertices v and their projections. out has no record unless the result
 // is kWhole or kClip.
 BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], const Viewport& view, Parent* out) {
@@ -58,6 +91,7 @@ BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], con
       z[k] = projected[k].z;
     }
     if (make_primitive(x, y, z, view, &out->primitive[0])) {
+      set_places(v, view, out->primitive[0].order, &out->primitive[0]);
       for (int k = 0; k < 3; ++k) {
         out->w[0][k] = v[out->primitive[0].order[k]][3];
         for (int m = 0; m < 3; ++m) out->weights[0][k][m] = k == m ? 1.0 : 0.0;
@@ -72,6 +106,8 @@ BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], con
     out->first = fan.first;
     for (int s = 0; s + 2 < fan.count; ++s) {
       if (!fan_primitive(fan.projected, fan.apex, fan.count, s, view, &out->primitive[out->count])) continue;
+      Primitive& made = out->primitive[out->count];
+      set_fan_places(fan, s, view, made.order, &made);
       set_fan_weights(fan.polygon, fan.apex, fan.count, s, out->count, out);
       ++out->count;
     }
@@ -93,6 +129,8 @@ BIGTRI_HD Fate expand_triangle(const Frame& f, int64_t t, Parent* out) {
 // Whether the primitive covers pixel (x, y). The edges are written out: nvcc does not unroll a loop that may end early,
 // and would put the arrays that it indexes in local memory.
 BIGTRI_HD bool covers(const Primitive& p, int32_t x, int32_t y) {
+  if constexpr (kFloatCoverage)
+    return is_inside(float_edge(p, 0), x, y) && is_inside(float_edge(p, 1), x, y) && is_inside(float_edge(p, 2), x, y);
   return edge_steps(edge_of(p.x, p.y, 0), x, y) >= 0 && edge_steps(edge_of(p.x, p.y, 1), x, y) >= 0 &&
          edge_steps(edge_of(p.x, p.y, 2), x, y) >= 0;
 }

@@ -19,13 +19,22 @@ constexpr uint32_t kScreenMask = 0xfu << 8;
 // One projected vertex. x, y and z are meaningful only if no flag but those in kScreenMask is set.
 struct Vertex {
   int32_t x, y;    // snapped, subpx
-  float z;         // window depth
+  float z;         // window depth, or reversed depth (vertex_depth)
   uint32_t flags;  // bits as above
 };
 
+// Vertices in px that are not snapped, where the rung's coverage needs them; else nothing, which takes no room as a base.
+template <bool kHas>
+struct PlacesOf {};
+template <>
+struct PlacesOf<true> {
+  float px[3], py[3];
+};
+using Places = PlacesOf<kUnsnapped>;
+
 // One (sub)triangle that was not culled and has a pixel centre in its bbox. Its vertices run clockwise on the screen,
 // from the one with the smallest (X, Y).
-struct Primitive {
+struct Primitive : Places {
   int32_t x[3], y[3];      // snapped vertices, subpx
   float z[3];              // window depth
   int32_t order[3];        // order[k]: which of the three vertices given is record vertex k
@@ -73,6 +82,14 @@ BIGTRI_HD float window_depth(T z_by_w) {
   return (float)(z_by_w * (T)0.5 + (T)0.5);
 }
 
+// The depth of a vertex from its z / w: window depth, 0 at the near plane and 1 at the far one, or where the rung has it
+// reversed, 1 at the near plane and 0 at the far one.
+constexpr bool kReversedDepth = Rung::kDepth == DepthRule::kReversed;
+template <class T>
+BIGTRI_HD float vertex_depth(T z_by_w) {
+  return kReversedDepth ? (float)z_by_w : window_depth(z_by_w);
+}
+
 // z / w in float32, where w holds a float32. A GPU has the inverse of w already, so it divides in float64 and rounds
 // again. Rounding the quotient of two float32 numbers to float64 first does not change the float32 result (Figueroa
 // 1995, "When is double rounding innocuous?").
@@ -107,7 +124,7 @@ BIGTRI_HD uint32_t vertex_flags(const float v[4], int width, int height) {
 
 BIGTRI_HD Vertex project_vertex(const float v[4], int width, int height) {
   const Divisor w = divisor(v[3]);
-  return {snap_x(v[0], w, width), snap_y(v[1], w, height), window_depth(float_quotient(v[2], w)),
+  return {snap_x(v[0], w, width), snap_y(v[1], w, height), vertex_depth(float_quotient(v[2], w)),
           vertex_flags(v, width, height)};
 }
 
@@ -167,11 +184,13 @@ BIGTRI_HD Vertex project_clipped(const ClipVertex& v, int width, int height) {
   out.x = (v.made & 2) ? -kGuard : (v.made & 4) ? kGuard - 1 : snap_x(v.position[0], w, width);
   out.y = (v.made & 8) ? -kGuard : (v.made & 16) ? kGuard - 1 : snap_y(v.position[1], w, height);
   // An original vertex gets the depth that it has in triangles that are not clipped, from its float32 inputs. Rounding
-  // may have left a new vertex a little in front of the near plane; its depth is clamped to 0.
+  // may have left a new vertex a little in front of the near plane; its depth is clamped to that of the plane.
   if (v.made == 0)
-    out.z = window_depth((float)v.position[2] / (float)w);
+    out.z = vertex_depth((float)v.position[2] / (float)w);
+  else if (kReversedDepth)
+    out.z = (v.made & (1u << kNear)) ? 1.0f : min_of(vertex_depth(v.position[2] / w), 1.0f);
   else
-    out.z = (v.made & (1u << kNear)) ? 0.0f : max_of(window_depth(v.position[2] / w), 0.0f);
+    out.z = (v.made & (1u << kNear)) ? 0.0f : max_of(vertex_depth(v.position[2] / w), 0.0f);
   out.flags = 0;
   return out;
 }
@@ -237,12 +256,14 @@ enum class Fate { kDropped, kNothing, kWhole, kClip };
 BIGTRI_HD Fate fate_of(uint32_t a, uint32_t b, uint32_t c) {
   const uint32_t any = (a | b | c) & ~kScreenMask;
   if (any & kNonFinite) return Fate::kDropped;
-  if (a & b & c & (kOutsideMask | kScreenMask)) return Fate::kNothing;
+  // A vertex that float32 made may lie far from where it should, and on the screen.
+  constexpr uint32_t kRejecting = Rung::kClip == ClipRule::kFloat32 ? kOutsideMask : kOutsideMask | kScreenMask;
+  if (a & b & c & kRejecting) return Fate::kNothing;
   if (any == 0) return Fate::kWhole;
   // A flag is set here. If it is no plane's, it is kBehind: some vertex has w <= 0. It is (0, 0, 0, 0), which has no
   // place on the screen: the near and depth distances add up to 5w >= 0, so w = 0; these two then give z = 0, and the
   // others x = y = 0.
-  return (any & kOutsideMask) ? Fate::kClip : Fate::kNothing;
+  return (any & kOutsideMask) && Rung::kClip != ClipRule::kNone ? Fate::kClip : Fate::kNothing;
 }
 
 }  // namespace BIGTRI_NAMESPACE

@@ -19,14 +19,21 @@ BIGTRI_HD uint64_t bbox_tiles(int x0, int y0, int x1, int y1) {
   return (columns * 0x0101010101010101ull) & rows;
 }
 
-// f at a tile's first pixel centre.
-BIGTRI_HD int32_t tile_edge(const NarrowEdge& e, int column, int row) {
+// f at a tile's first pixel centre. E is a NarrowEdge, or a WideEdge (coverage.h).
+template <class E>
+BIGTRI_HD auto tile_edge(const E& e, int column, int row) {
   return e.f + (kTile * column) * e.sx + (kTile * row) * e.sy;
 }
 
 // Added to tile_edge, they give the extremes of f over the tile's 64 pixel centres.
-BIGTRI_HD int32_t tile_highest(const NarrowEdge& e) { return (kTile - 1) * (max_of(e.sx, 0) + max_of(e.sy, 0)); }
-BIGTRI_HD int32_t tile_lowest(const NarrowEdge& e) { return (kTile - 1) * (min_of(e.sx, 0) + min_of(e.sy, 0)); }
+template <class E>
+BIGTRI_HD auto tile_highest(const E& e) {
+  return (kTile - 1) * (max_of<decltype(e.f)>(e.sx, 0) + max_of<decltype(e.f)>(e.sy, 0));
+}
+template <class E>
+BIGTRI_HD auto tile_lowest(const E& e) {
+  return (kTile - 1) * (min_of<decltype(e.f)>(e.sx, 0) + min_of<decltype(e.f)>(e.sy, 0));
+}
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

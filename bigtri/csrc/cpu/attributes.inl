@@ -24,9 +24,20 @@ bool load_parent(const AttributeJob& job, const float* positions, int64_t triang
   return true;
 }
 
+// Whether each pixel is tested by itself: where edge values do not fit float64, or do not decide coverage.
+constexpr bool kTestsRows = kFloatCoverage || Rung::kWideEdges;
+template <bool kTested>
+struct TestedRow {};
+template <>
+struct TestedRow<true> {
+  int32_t y = 0;  // px
+};
+BIGTRI_INLINE void set_row(TestedRow<true>* row, int64_t y) { row->y = (int32_t)y; }
+BIGTRI_INLINE void set_row(TestedRow<false>*, int64_t) {}
+
 // A record in one row of the image. e_k at pixel x is start[k] + step[k] * x: integers below 2^53, so float64 is exact.
 // Edge k has the pixel inside if e_k >= least[k], which is 0 if the edge owns the samples on it, else 1.
-struct RowRecord {
+struct RowRecord : TestedRow<kTestsRows> {
   int record = -1;
   double start[3] = {}, step[3] = {}, least[3] = {};
   const float* source[3] = {};  // attributes of the corner that barycentric k belongs to; null without attributes
@@ -36,6 +47,7 @@ void begin_record(const AttributeJob& job, const float* attributes, const Parent
                   int64_t y, RowRecord* row) {
   const Primitive& p = parent.primitive[record];
   row->record = record;
+  set_row(row, y);
   for (int k = 0; k < 3; ++k) {
     const Edge edge = edge_of(p.x, p.y, k);
     row->start[k] = edge_at(p, k, 0, (int32_t)y);
@@ -46,17 +58,46 @@ void begin_record(const AttributeJob& job, const float* attributes, const Parent
   }
 }
 
+// The edge values of n pixels of a row from x on, and whether the record covers them, one by one. The others repeat the
+// last one.
+BIGTRI_INLINE void test_eight(const Parent& parent, const TestedRow<true>& row, int record, int64_t x, int n,
+                              f64x8 e[3], bool covered[8]) {
+  const Primitive& p = parent.primitive[record];
+  double value[3][8];
+  for (int i = 0; i < 8; ++i) {
+    const int32_t at = (int32_t)x + min_of(i, n - 1);
+    covered[i] = covers(p, at, row.y);
+    for (int k = 0; k < 3; ++k) value[k][i] = edge_at(p, k, at, row.y);
+  }
+  for (int k = 0; k < 3; ++k) e[k] = load<f64x8>(value[k]);
+}
+BIGTRI_INLINE void test_eight(const Parent&, const TestedRow<false>&, int, int64_t, int, f64x8[3], bool[8]) {}
+
+// float_barycentrics, in vectors of float64: b holds float32 values.
+BIGTRI_INLINE void barycentrics_in_float(const Parent& parent, int record, const f64x8 e[3], f64x8 b[3]) {
+  const f32x8 rounded[3] = {to_float(e[0]), to_float(e[1]), to_float(e[2])};
+  f32x8 weight[3];
+  float_barycentrics(parent, record, rounded, weight);
+  for (int k = 0; k < 3; ++k) b[k] = to_double(weight[k]);
+}
+
 // Computes the pixels x to x + 7, all of one record, and writes the first n. A pixel that the record does not cover
 // gets zeros: the visibility buffer came from another drawing.
 void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowRecord& row, int64_t x, int n,
                        float* out) {
   f64x8 e[3], b[3];
   bool covered[8] = {true, true, true, true, true, true, true, true};
-  for (int k = 0; k < 3; ++k) {
-    e[k] = row.start[k] + (load<f64x8>(kLaneDouble) + (double)x) * row.step[k];
-    for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= row.least[k];
-  }
-  barycentrics(parent, row.record, e, b);
+  if constexpr (kTestsRows)
+    test_eight(parent, row, row.record, x, n, e, covered);
+  else
+    for (int k = 0; k < 3; ++k) {
+      e[k] = row.start[k] + (load<f64x8>(kLaneDouble) + (double)x) * row.step[k];
+      for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= row.least[k];
+    }
+  if constexpr (kFloatWeights)
+    barycentrics_in_float(parent, row.record, e, b);
+  else
+    barycentrics(parent, row.record, e, b);
   const f32x8 weight[3] = {to_float(b[0]), to_float(b[1]), to_float(b[2])};
   for (int64_t c = 0; c < job.channels; ++c) {
     f32x8 v = weight[0];

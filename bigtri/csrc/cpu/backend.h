@@ -103,8 +103,8 @@ struct CpuRung {
   const char* name;
   int32_t guard;  // snapped coordinates lie in [-guard, guard), subpx
   const Variant* const* variants;  // the first is "auto"; ends with null
-  const Variant* const* counting;  // the same variants, compiled with counters
-  const Stages* stages;
+  const Variant* const* counting;  // the same variants, compiled with counters; null: the rung's work is not counted
+  const Stages* stages;  // null: the rung's stages run on the reference alone
   void (*interpolate)(const AttributeJob& job, const Parallel& parallel);
 };
 

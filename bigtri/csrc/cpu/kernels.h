@@ -1,5 +1,5 @@
 // The kernels: the functions that are compiled once per instruction set. The code that calls them declares them as a
-// struct (BinOwnedKernels, StageKernels, AttributeKernels). A table of all of them is built for each instruction set
+// struct (BinOwnedKernels, TwoStageKernels, StageKernels, AttributeKernels). A table of all of them is built for each instruction set
 // (kernel_table.inl); current_kernels() is the table in use.
 #pragma once
 
@@ -11,6 +11,7 @@
 #include "../core/tile_mask.h"
 #include "backend.h"
 #include "bin_owned.h"
+#include "two_stage.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -34,6 +35,7 @@ struct Kernels {
   BinOwnedKernels bin_owned;
   StageKernels stages;
   AttributeKernels attributes;
+  TwoStageKernels two_stage;
 };
 
 const Kernels& current_kernels();

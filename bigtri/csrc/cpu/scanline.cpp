@@ -8,6 +8,7 @@
 #include "../core/record.h"
 #include "../core/resolve.h"
 #include "../core/scanline.h"
+#include "atomic.h"
 #include "backend.h"
 #include "counting.h"
 
@@ -17,13 +18,6 @@ namespace {
 
 constexpr Parameter kParameters[] = {{"share", "triangles", "triangles that a task takes at a time", 256, 1, 1 << 20},
                                      {}};
-
-// Atomic minimum. A failed exchange has read the pixel again into `old`.
-void keep_nearest(int64_t* pixel, int64_t packed) {
-  int64_t old = __atomic_load_n(pixel, __ATOMIC_RELAXED);
-  while (packed < old && !__atomic_compare_exchange_n(pixel, &old, packed, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
-  }
-}
 
 // Draws the pixels [x0 + lower, x0 + upper) of row y. The plane is anchored anew in each 64x64 px cell.
 void draw_row(const Record& r, int y, int64_t lower, int64_t upper, const Frame& view) {
@@ -38,8 +32,8 @@ void draw_row(const Record& r, int y, int64_t lower, int64_t upper, const Frame&
       cell = x / kBin;
       z = plane_row<double>(plane.zcell, plane.dzdy, y % kBin) + plane_column<double>(plane.dzdx, x % kBin);
     }
-    keep_nearest(view.packed + (int64_t)y * view.view.width + x,
-                 pack_fragment(finish_depth(z, r.zmin, r.zmax), r.triangle));
+    keep_nearest_atomically(view.packed + (int64_t)y * view.view.width + x,
+                            pack_fragment(finish_depth(z, r.zmin, r.zmax), r.triangle));
   }
 }
 

@@ -107,6 +107,15 @@ BIGTRI_INLINE Lanes<T, N> quotient(const Lanes<T, N>& v, const Lanes<T, N>& by) 
   return v / by;
 }
 
+// reciprocal (core/attributes.h) of each.
+BIGTRI_INLINE f32x8 reciprocal(const f32x8& v) {
+  f32x8 start;
+  for (int i = 0; i < v.kParts; ++i)
+    start.part[i] = (f32x8::Vector)(0x7ef311c7 - (i32x8::Vector)v.part[i]);  // of the bits
+  const f32x8 once = start * (2.0f - v * start);
+  return once * (2.0f - v * once);
+}
+
 // yes[i] where the mask is set, else no[i].
 template <class T, int N>
 BIGTRI_INLINE Lanes<T, N> select(const MaskOf<T, N>& mask, const Lanes<T, N>& yes, const Lanes<T, N>& no) {

@@ -40,11 +40,12 @@ void binning(const int32_t* xy, const int32_t* bbox, int64_t records, int64_t th
       out->small.push_back((int32_t)i);
       continue;
     }
-    const int32_t x[3] = {v[0], v[2], v[4]}, y[3] = {v[1], v[3], v[5]};
+    Primitive p;
+    for (int k = 0; k < 3; ++k) p.x[k] = v[2 * k], p.y[k] = v[2 * k + 1];
     for (int r = b[1] / kBin; r <= (b[3] - 1) / kBin; ++r)
       for (int c = b[0] / kBin; c <= (b[2] - 1) / kBin; ++c) {
-        bool keep = true;
-        for (int k = 0; k < 3; ++k) keep = keep && bin_edge(edge_of(x, y, k), c, r).highest >= 0;
+        EdgesInBin edges;
+        const bool keep = edges_in_bin(p, c, r, &edges);
         for (const int32_t e : {(int32_t)i, c, r}) out->candidates.push_back(e);
         out->kept.push_back(keep);
       }
@@ -53,10 +54,13 @@ void binning(const int32_t* xy, const int32_t* bbox, int64_t records, int64_t th
 
 const StageKernels& kernels() { return current_kernels().stages; }
 
+constexpr Stages kAll = {setup, binning, kernels};
+
 }  // namespace
 
-extern const Stages kStages;
-const Stages kStages = {setup, binning, kernels};
+// Null where coverage needs more of a record than the stages hand on.
+extern const Stages* const kStages;
+const Stages* const kStages = kUnsnapped ? nullptr : &kAll;
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -5,17 +5,20 @@
 #include "../core/numerics.h"
 #include "backend.h"
 
+#define BIGTRI_JOIN_VARIANTS(RUNG) BIGTRI_CPU_VARIANTS_##RUNG
+#define BIGTRI_VARIANTS_OF(RUNG) BIGTRI_JOIN_VARIANTS(RUNG)
+
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
 #define BIGTRI_VARIANT(NAME) extern const Variant NAME##_variant;
-BIGTRI_CPU_VARIANTS(BIGTRI_VARIANT)
+BIGTRI_VARIANTS_OF(BIGTRI_RUNG)(BIGTRI_VARIANT)
 #undef BIGTRI_VARIANT
 
-extern const Variant* const kVariants[];
+    extern const Variant* const kVariants[];
 const Variant* const kVariants[] = {
 #define BIGTRI_VARIANT(NAME) &NAME##_variant,
-    BIGTRI_CPU_VARIANTS(BIGTRI_VARIANT)
+    BIGTRI_VARIANTS_OF(BIGTRI_RUNG)(BIGTRI_VARIANT)
 #undef BIGTRI_VARIANT
         nullptr,
 };

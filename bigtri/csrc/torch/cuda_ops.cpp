@@ -6,6 +6,8 @@
 namespace bigtri {
 namespace {
 
+std::string cuda_rungs_op() { return rung_names(kCudaRungs); }
+
 std::string cuda_variants_op(std::string precision) {
   return registry_text(find_rung("cuda_variants", kCudaRungs, precision).variants);
 }
@@ -51,10 +53,14 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
 }  // namespace
 }  // namespace bigtri
 
-STABLE_TORCH_LIBRARY_FRAGMENT(bigtri, m) { m.def("cuda_variants(str precision) -> str"); }
+STABLE_TORCH_LIBRARY_FRAGMENT(bigtri, m) {
+  m.def("cuda_rungs() -> str");
+  m.def("cuda_variants(str precision) -> str");
+}
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CUDA, m) { m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_cuda_op)); }
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
+  m.impl("cuda_rungs", TORCH_BOX(&bigtri::cuda_rungs_op));
   m.impl("cuda_variants", TORCH_BOX(&bigtri::cuda_variants_op));
 }

@@ -13,6 +13,8 @@ std::string variants_op(std::string precision) {
   return registry_text(find_rung("variants", kCpuRungs, precision).variants);
 }
 
+std::string rungs_op() { return rung_names(kCpuRungs); }
+
 std::string counters_op() {
   std::string names;
 #define BIGTRI_COUNTER(NAME, ABOUT) names += (names.empty() ? "" : ",") + std::string(#NAME);
@@ -29,6 +31,8 @@ void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   const char* op = "rasterize";
   const Viewport view = viewport(op, height, width, cull, scissor);
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
+  BIGTRI_CHECK(!counters || rung.counting, "bigtri::", op, ": counters must be None with precision '", precision,
+               "', whose variants count nothing");
   const Variant& chosen = find_variant(op, counters ? rung.counting : rung.variants, variant, precision, "");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
   check_unserved(samples, behind);
@@ -87,6 +91,7 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
   m.def("isa() -> str");
   m.def("set_isa(str name) -> ()");
   m.def("thread_load(int threads) -> (int longest, int all)");
+  m.def("rungs() -> str");
   m.def("variants(str precision) -> str");
   m.def("counters() -> str");
   // The stages one by one; docs/architecture.md has their inputs and outputs.
@@ -120,6 +125,7 @@ STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
   m.impl("isa", TORCH_BOX(&bigtri::isa));
   m.impl("set_isa", TORCH_BOX(&bigtri::set_isa));
   m.impl("thread_load", TORCH_BOX(&bigtri::thread_load_op));
+  m.impl("rungs", TORCH_BOX(&bigtri::rungs_op));
   m.impl("variants", TORCH_BOX(&bigtri::variants_op));
   m.impl("counters", TORCH_BOX(&bigtri::counters_op));
 }

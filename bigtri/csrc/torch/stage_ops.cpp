@@ -9,6 +9,14 @@
 namespace bigtri {
 namespace {
 
+// The rung of that name, whose stages can be called one by one.
+const CpuRung& rung_of(const char* op, const std::string& precision) {
+  const CpuRung& rung = find_rung(op, kCpuRungs, precision);
+  BIGTRI_CHECK(rung.stages, "bigtri::", op, ": precision must be one whose records hold all that coverage needs, got '",
+               precision, "', whose stages run on the reference alone");
+  return rung;
+}
+
 void check_vertices(const char* op, const CpuRung& rung, const Tensor& xy) {
   check(op, "xy", xy, ScalarType::Int, {-1, 3, 2}, "int32 [N, 3, 2]");
   const int32_t* v = const_data<int32_t>(xy);
@@ -68,7 +76,7 @@ std::tuple<Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tenso
     std::vector<int64_t> scissor, std::string precision) {
   const char* op = "setup";
   const Viewport view = viewport(op, height, width, cull, scissor);
-  const CpuRung& rung = find_rung(op, kCpuRungs, precision);
+  const CpuRung& rung = rung_of(op, precision);
   check(op, "positions", positions, ScalarType::Float, {-1, 4}, "float32 [V, 4]");
   check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
   CheckedFrame frame = checked_frame(op, torch_threads(), triangles, positions.size(0));
@@ -89,7 +97,7 @@ std::tuple<Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tenso
 
 std::tuple<Tensor, Tensor, Tensor> binning_op(const Tensor& xy, const Tensor& bbox, int64_t threshold,
                                               std::string precision) {
-  const CpuRung& rung = find_rung("binning", kCpuRungs, precision);
+  const CpuRung& rung = rung_of("binning", precision);
   check_records("binning", rung, xy, bbox);
   BinningOutput o;
   rung.stages->binning(const_data<int32_t>(xy), const_data<int32_t>(bbox), xy.size(0), threshold, &o);
@@ -100,7 +108,7 @@ std::tuple<Tensor, Tensor, Tensor> binning_op(const Tensor& xy, const Tensor& bb
 
 std::tuple<Tensor, Tensor> tile_mask_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue,
                                         std::string precision) {
-  const CpuRung& rung = find_rung("tile_mask", kCpuRungs, precision);
+  const CpuRung& rung = rung_of("tile_mask", precision);
   check_records("tile_mask", rung, xy, bbox);
   check_queue("tile_mask", queue, xy.size(0));
   Tensor touched = empty({queue.size(0)}, ScalarType::Long), full = empty({queue.size(0)}, ScalarType::Long);
@@ -112,7 +120,7 @@ std::tuple<Tensor, Tensor> tile_mask_op(const Tensor& xy, const Tensor& bbox, co
 Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, const Tensor& touched,
                    const Tensor& small, std::string precision) {
   const char* op = "scanline";
-  const CpuRung& rung = find_rung(op, kCpuRungs, precision);
+  const CpuRung& rung = rung_of(op, precision);
   check_records(op, rung, xy, bbox);
   check_queue(op, queue, xy.size(0));
   check(op, "touched", touched, ScalarType::Long, {queue.size(0)}, "int64 [Q]");
@@ -138,7 +146,7 @@ Tensor scanline_op(const Tensor& xy, const Tensor& bbox, const Tensor& queue, co
 
 Tensor depth_op(const Tensor& xy, const Tensor& z, const Tensor& area, const Tensor& spans, std::string precision) {
   const char* op = "depth";
-  const CpuRung& rung = find_rung(op, kCpuRungs, precision);
+  const CpuRung& rung = rung_of(op, precision);
   check_vertices(op, rung, xy);
   check(op, "z", z, ScalarType::Float, {xy.size(0), 3}, "float32 [N, 3]");
   check(op, "area", area, ScalarType::Long, {xy.size(0)}, "int64 [N]");

@@ -1,0 +1,66 @@
+// Draws a record within a bin, for the variant two_stage: draw_bin, called by two_stage.cpp. Compiled once per
+// instruction set, whose vectors the compiler finds by itself: every loop over pixels is the scalar code of core/,
+// so that a rung needs no code here.
+#pragma once
+
+#include "../core/coverage.h"
+#include "../core/pixel_depth.h"
+#include "atomic.h"
+#include "kernels.h"
+#include "simd.h"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+namespace {
+
+// A tile's 64 pixels at a time, pixel p in column p % 8 and row p / 8: loops that are long enough for the compiler to make
+// vectors of. i, j: the tile's first pixel in the bin; pixels: its first pixel.
+constexpr int kTilePixels = kTile * kTile;
+
+template <bool kThin>
+BIGTRI_INLINE void draw_tile(const Record& r, const DepthInCell& depth, const EdgesInBin& edges, int i, int j,
+                             bool full, int64_t* pixels, int width) {
+  int32_t covered[kTilePixels];
+  for (int p = 0; p < kTilePixels; ++p) covered[p] = full | is_inside(edges, i + p % kTile, j + p / kTile);
+  // Pixels of the bbox.
+  const int left = r.x0 - edges.bin.left - i, right = r.x1 - edges.bin.left - i, top = r.y0 - edges.bin.top - j,
+            bottom = r.y1 - edges.bin.top - j;
+  int32_t some = 0;
+  for (int p = 0; p < kTilePixels; ++p) {
+    const int x = p % kTile, y = p / kTile;
+    covered[p] &= (x >= left) & (x < right) & (y >= top) & (y < bottom);
+    some |= covered[p];
+  }
+  if (!some) return;
+  float z[kTilePixels];
+  for (int p = 0; p < kTilePixels; ++p) z[p] = pixel_depth<kThin>(depth, i + p % kTile, j + p / kTile);
+  for (int p = 0; p < kTilePixels; ++p)
+    if (covered[p])
+      keep_nearest_atomically(pixels + (int64_t)(p / kTile) * width + p % kTile, pack_fragment(z[p], r.triangle));
+}
+
+template <bool kThin>
+BIGTRI_INLINE void draw_touched(const Record& r, const EdgesInBin& edges, int bin_x, int bin_y, int64_t* pixels,
+                                int width) {
+  const DepthInCell depth = depth_in_cell(r, bin_x, bin_y);
+  for (uint64_t tiles = allowed_tiles(r, edges.bin); tiles; tiles &= tiles - 1) {
+    const int tile = __builtin_ctzll(tiles), column = tile % 8, row = tile / 8;
+    if (!touches_tile(edges, column, row)) continue;
+    const int i = column * kTile, j = row * kTile;
+    int64_t* first = pixels + (int64_t)(edges.bin.top + j) * width + edges.bin.left + i;
+    draw_tile<kThin>(r, depth, edges, i, j, fills_tile(edges, column, row), first, width);
+  }
+}
+
+void draw_bin(const Record& r, int bin_x, int bin_y, int64_t* pixels, int width) {
+  EdgesInBin edges;
+  if (!edges_in_bin(r, bin_x, bin_y, &edges)) return;
+  if (is_thin(r))
+    draw_touched<true>(r, edges, bin_x, bin_y, pixels, width);
+  else
+    draw_touched<false>(r, edges, bin_x, bin_y, pixels, width);
+}
+
+}  // namespace
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri
