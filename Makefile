@@ -50,7 +50,7 @@ format: $(VENV)/.lint  ## rewrite the code as lint wants it
 
 wheel: $(VENV)/.installed  ## dist/bigtri-*.whl, for every Python from 3.10 on
 	rm -rf build/lib* build/bdist*  # a wheel takes what lies there, also what an earlier one left
-	BIGTRI_LADDER=0 $(PY) -m pip wheel . --no-build-isolation --no-deps -w dist
+	$(PY) -m pip wheel . --no-build-isolation --no-deps -w dist
 
 clean:  ## remove what was built, .venv too
 	rm -rf $(VENV) build dist bigtri.egg-info bigtri/_C*.so

@@ -4,7 +4,7 @@ With a torch built for CUDA and a CUDA toolkit (CUDA_HOME, or nvcc on the PATH) 
 beside it; no GPU has to be there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 insists on them. TORCH_CUDA_ARCH_LIST says for
 which architectures ("7.5;9.0;12.0+PTX"); by default for the GPUs of this machine, or for all of these where there is none.
 
-BIGTRI_LADDER=0 leaves out the rungs that are there to show what accuracy costs (docs/accuracy.md).
+BIGTRI_LADDER=1 builds the rungs that are there to show what accuracy costs too (docs/accuracy.md).
 """
 
 import os
@@ -81,7 +81,7 @@ def per_rung(source: Path, rung: str, counting: bool = False) -> str:
 
 def with_ladder() -> bool:
     """Whether to build the rungs of the ladder for the CPU."""
-    wanted = os.environ.get("BIGTRI_LADDER", "1")
+    wanted = os.environ.get("BIGTRI_LADDER", "0")
     if wanted not in ("0", "1"):
         raise SystemExit(f"BIGTRI_LADDER must be 0 or 1, got {wanted!r}")
     return wanted == "1"

@@ -144,7 +144,7 @@ struct attributes_affine : ladder {
 // The rungs that are for drawing, the default first; their work can be counted (counters.h).
 #define BIGTRI_RUNGS(X) X(exact) X(subpixel4)
 
-// The rungs that show what an axis costs. They are left out of a build with BIGTRI_LADDER=0 (setup.py).
+// The rungs that show what an axis costs. Only a build with BIGTRI_LADDER=1 has them (setup.py).
 // clang-format off
 #define BIGTRI_LADDER(X) \
   X(subpixel12) X(subpixel16) X(coverage_int64) X(coverage_float32) X(coverage_float32_fused) \
