@@ -179,13 +179,14 @@ class Way(NamedTuple):
 
 AUTO = Way("auto", "", {})  # the variant that the extension prefers, with its own choice of everything
 # bin_owned's two paths, each for any number of triangles that it can have; and the second one with each way to share the
-# triangles among blocks: drawn together, each warp its own, or tested first.
+# triangles among blocks: drawn together, each warp its own, with others' help, or tested first.
 PATHS = (
     Way("bin_owned", "few", {"few": EVERY}, 256),
     Way("bin_owned", "rows", {"few": 0}),
     Way("bin_owned", "share 32", {"few": 0, "share": 32}),
+    Way("bin_owned", "share 128", {"few": 0, "share": 128}),
     Way("bin_owned", "share 256", {"few": 0, "share": 256}),
-    Way("bin_owned", "share 2048", {"few": 0, "share": 2048}),
+    Way("bin_owned", "share 1024", {"few": 0, "share": 1024}),
 )
 # Beside them what else bin_owned chooses by the scene: which triangles wait, and the warps of the blocks that draw these. A
 # choice that it may have made itself is here too, so that another one would be compared with it.

@@ -28,20 +28,22 @@ from bigtri.study import scenes
 
 PATHS: dict[str, dict[str, int]] = {
     "as it is": {},
+    "few": {"few": 65536},
     "rows": {"few": 0},
     "rows, queue 1": {"few": 0, "widest": 8, "queue": 1},
     "rows, two bands, short lists": {"few": 0, "widest": 8, "cache": 200_000, "queue": 600},
     "none by rows": {"few": 0, "widest": 1},
-    "apart": {"few": 0, "share": 256},
-    "tested": {"few": 0, "share": 2048},
-    "entries 1": {"entries": 1},
+    "even": {"few": 0, "share": 256},
+    "apart": {"few": 0, "share": 128},
+    "tested": {"few": 0, "share": 1024},
+    "entries 1": {"few": 65536, "entries": 1},
     "rows, entries 1, 4 warps": {"few": 0, "widest": 8, "entries": 1, "warps": 4},
-    "4 warps": {"warps": 4},
-    "8 warps": {"warps": 8},
-    "16 warps": {"warps": 16},
-    "one block": {"blocks": 1},
+    "4 warps": {"few": 65536, "warps": 4},
+    "8 warps": {"few": 65536, "warps": 8},
+    "16 warps": {"few": 65536, "warps": 16},
+    "one block": {"few": 65536, "blocks": 1},
 }
-QUICK = ("as it is", "16 warps", "rows", "rows, queue 1", "apart", "tested", "entries 1")
+QUICK = ("few", "16 warps", "rows", "rows, queue 1", "even", "apart", "tested", "entries 1")
 CULLS = ("none", "back")
 
 

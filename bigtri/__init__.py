@@ -15,6 +15,7 @@ _HOMES = {
     "Camera": ".scene.camera",
     "Light": ".scene.scene",
     "Material": ".scene.scene",
+    "ModelWarning": ".scene.readers.model",
     "Precision": ".precision",
     "Scene": ".scene.scene",
     "Visibility": ".ops.rasterize",
@@ -44,12 +45,14 @@ if TYPE_CHECKING:
     from .rendering.render import render
     from .scene.camera import Camera
     from .scene.load import from_trimesh, load_scene
+    from .scene.readers.model import ModelWarning
     from .scene.scene import Light, Material, Scene, merge
 
 __all__ = [
     "Camera",
     "Light",
     "Material",
+    "ModelWarning",
     "Precision",
     "Scene",
     "Visibility",

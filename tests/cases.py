@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -220,7 +221,7 @@ def small_on_cells(rng: np.random.Generator) -> Case:
 
 
 def half_boxes(rng: np.random.Generator) -> Case:
-    """Halves of 8x8 px with 36 pixels each: more together than the GPU's list for 32 of them holds, but not than two lists.
+    """Halves of 8x8 px with 36 pixels each: more than the GPU lists at once for 32 of them, so that it lists a quarter at a time.
 
     In front of them, one in eight: halves of 16x16 px, some of which go beyond z = 1.
     """
@@ -260,6 +261,28 @@ def small_by_the_screen(rng: np.random.Generator) -> Case:
     xy = np.where(rng.random((count, 1, 2)) < 0.5, xy, size - xy)
     xy = np.where(rng.random((count, 1, 1)) < 0.5, xy, xy[..., ::-1])
     return from_pixels(xy, rng.uniform(0.05, 0.95, (count, 3)), (size, size))
+
+
+def beside_centres(rng: np.random.Generator) -> Case:
+    """Corners of triangles of some 200 px, within 8x8 px; an edge passes a pixel centre by as little as the grid allows.
+
+    In its row the edge crosses at most 2^-14 px beside the centre. The triangles that the centre is outside of are the nearest.
+    """
+    centre, found, depths = 1.5 * 256, [], []
+    while len(found) < 96:
+        across, down = int(rng.integers(-1700, -600)), int(rng.integers(48_000, 56_000))
+        if math.gcd(across, down) != 1:
+            continue
+        # The first point at a distance of `beside` / |edge| from the centre, on either side of it, less than an edge away.
+        beside = int(rng.choice([-2, -1, 1, 2]))
+        above = beside * pow(-across, -1, down) % down
+        left = (across * above + beside) // down
+        top = np.array([centre - left, centre - above])
+        bottom = top + [across, down]
+        if 0 < bottom[1] < 7.9 * 256 and 0 < top[0] < 7.9 * 256:
+            found.append(np.stack([top, bottom, [-40_000, -20_000]]) / 256)
+            depths.append(rng.uniform(0.1, 0.3, 3) + (0.6 if beside < 0 else 0))
+    return from_pixels(np.stack(found), np.stack(depths), (40, 50))
 
 
 def long_slivers(rng: np.random.Generator) -> Case:
@@ -427,6 +450,7 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
         half_boxes,
         mesh_of_small,
         small_by_the_screen,
+        beside_centres,
         long_slivers,
         slivers_across,
         steep_ends,

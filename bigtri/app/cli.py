@@ -27,6 +27,7 @@ examples:
   bigtri render model.glb -o model.png
   bigtri render model.obj -o views.png --view all --size 1920x1080
   bigtri demo --out pictures
+  bigtri info model.glb
   bigtri info
 """
 
@@ -90,7 +91,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"bigtri {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_render(commands.add_parser("render", help="a picture of a 3D model", epilog=_RENDER_EXAMPLES, formatter_class=raw))
-    info = commands.add_parser("info", help="versions, processor and build, for a bug report")
+    about = "what a model file holds and what of it is drawn; without one, versions, processor and build, for a bug report"
+    info = commands.add_parser("info", help=about, description=about)
+    info.add_argument("model", type=Path, nargs="?", help="a GLB, glTF, OBJ, PLY, STL or OFF file")
     info.set_defaults(run=_info)
     commands.add_parser("bench", help="measure how fast rasterize is on this machine; see bigtri bench --help")
     about = "draw, explain and time a scene of large triangles"
@@ -117,6 +120,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.description = "Draw a GLB, glTF, OBJ, PLY, STL or OFF file, seen from around it."
     parser.add_argument("model", type=Path, help="the file to draw")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the picture to write: .png, .jpg, .tif or .bmp")
+    parser.add_argument("--strict", action="store_true", help="draw nothing if the file has what the picture would not show")
     parser.add_argument("--size", type=arguments.size, default=(1280, 960), metavar="WxH", help="pixels (default: 1280x960)")
     parser.add_argument("--view", choices=(*VIEWS, "all"), default="shaded", help="what to show (default: %(default)s)")
     camera = parser.add_argument_group("camera")
@@ -153,7 +157,7 @@ def _render(options: argparse.Namespace) -> int:
     if options.view in ("shaded", "all") and options.supersample > most:
         raise ValueError(f"--supersample must be at most {most} at {width}x{height} px, got {options.supersample}")
     _say(f"reading {options.model}")
-    scene = load_scene(options.model).with_(cull=options.cull)
+    scene = load_scene(options.model, strict=options.strict).with_(cull=options.cull)
     _say(f"{len(scene.triangles)} triangles, {len(scene.used_materials)} materials")
     camera = Camera.framing(
         scene.bounds, options.azimuth, options.elevation, options.distance, width / height, options.fov, options.up
@@ -169,9 +173,14 @@ def _render(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from .info import describe
+    if options.model is not None:
+        from . import model_info
 
-    print(describe())
+        print(model_info.describe(options.model))
+    else:
+        from . import info
+
+        print(info.describe())
     return 0
 
 

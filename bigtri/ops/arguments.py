@@ -21,6 +21,7 @@ Array: TypeAlias = "torch.Tensor | NDArray[Any]"
 ArrayT = TypeVar("ArrayT", torch.Tensor, NDArray[Any])
 _NUMPY_DTYPES = {
     **{torch.float32: np.dtype(np.float32), torch.uint8: np.dtype(np.uint8)},
+    torch.uint16: np.dtype(np.uint16),
     **{torch.int32: np.dtype(np.int32), torch.int64: np.dtype(np.int64)},
 }
 
@@ -118,7 +119,7 @@ def check_tensor(
     op: str,
     name: str,
     value: Array,
-    dtype: torch.dtype,
+    dtype: torch.dtype | tuple[torch.dtype, ...],
     shape: str,
     ndim: int | tuple[int, ...] | None,
     backend: str = "native",
@@ -129,7 +130,7 @@ def check_tensor(
 
     Args:
         op, name, shape: for the error text; ``shape`` as a reader writes it, e.g. "[V, 3]".
-        dtype: the one that is allowed.
+        dtype: the one that is allowed, or several.
         ndim: how many dimensions are allowed; None: any number.
         backend: "reference" if NumPy is to read the memory, which is not there for every tensor that torch's operators take.
 
@@ -137,14 +138,15 @@ def check_tensor(
         TypeError: not an array, or of another dtype.
         ValueError: another number of dimensions, or no memory.
     """
+    allowed = dtype if isinstance(dtype, tuple) else (dtype,)
     if isinstance(value, np.ndarray):
         # Converting an unsupported NumPy dtype would raise torch's error, which does not name the argument.
-        if value.dtype != np.dtype(_short(dtype)):
+        if not any(value.dtype == np.dtype(_short(one)) for one in allowed):
             raise TypeError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
         value = np.asarray(value, order="C")
         value = _over(value if value.flags.writeable else value.copy())
     check_dense(op, name, value, dtype, shape)
-    if value.dtype != dtype:
+    if value.dtype not in allowed:
         raise TypeError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
     if ndim is not None and value.ndim not in ((ndim,) if isinstance(ndim, int) else ndim):
         raise ValueError(f"bigtri.{op}: {name} must be {_short(dtype)} {shape}, got {described(value)}")
@@ -208,7 +210,7 @@ def run_as_is(
     return result
 
 
-def check_dense(op: str, name: str, value: object, dtype: torch.dtype, shape: object) -> None:
+def check_dense(op: str, name: str, value: object, dtype: torch.dtype | tuple[torch.dtype, ...], shape: object) -> None:
     """Raise TypeError unless ``value`` is a tensor, ValueError if it is sparse or nested; dtype and shape are for the text."""
     if not isinstance(value, torch.Tensor):
         wanted = f"a torch tensor or a NumPy array, {_short(dtype)} {shape}"
@@ -413,5 +415,8 @@ def described(value: object) -> str:
     return repr(value) if value is None or isinstance(value, (int, float, str)) else type(value).__name__
 
 
-def _short(dtype: torch.dtype) -> str:
+def _short(dtype: torch.dtype | tuple[torch.dtype, ...]) -> str:
+    if isinstance(dtype, tuple):
+        *others, last = map(_short, dtype)
+        return f"{', '.join(others)} or {last}"
     return str(dtype).removeprefix("torch.")

@@ -71,7 +71,7 @@ def rasterize(
         scissor: (x0, y0, x1, y1) in px, half-open; nothing is drawn outside it.
         ranges: int32 [B, 2], on the CPU: the first triangle and the number of triangles of each view, for a batch of different
             meshes. ``positions`` is then [V, 4], shared by the views. A triangle keeps its id in the whole list. Ranges may
-            overlap or be empty. Not on CUDA yet. ``interpolate`` takes ``positions.expand(B, -1, -1)`` with the result.
+            overlap or be empty. ``interpolate`` takes ``positions.expand(B, -1, -1)`` with the result.
         validate: on the CPU indices are always checked. On CUDA a triangle with an index out of range is dropped and counted;
             True checks all of them first, which waits for the device.
         depth: whether to return the depth image. Without it, 4 bytes a pixel are not written.

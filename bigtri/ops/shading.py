@@ -14,6 +14,7 @@ from .arguments import Array, ArrayT
 # them on the default device.
 _THRESHOLDS = torch.from_numpy(np.array(reference.encode_thresholds()))  # float32 [255]
 _DECODED = torch.from_numpy(np.array(reference.decode_table()))  # float32 [256]
+_DECODED_16 = torch.from_numpy(np.array(reference.decode_table(16)))  # float32 [65536]
 
 
 def lambert(
@@ -111,14 +112,16 @@ def encode_srgb(linear: ArrayT, *, backend: str = "auto", out: Array | None = No
 
 
 def decode_srgb(encoded: ArrayT, *, backend: str = "auto") -> ArrayT:
-    """8-bit sRGB (uint8, any shape) to linear light (float32, the same shape, in [0, 1]). NumPy if ``encoded`` is NumPy.
+    """sRGB of 8 or 16 bits (uint8 or uint16, any shape) to linear light (float32, the same shape, in [0, 1]).
 
-    It is a lookup in a table of 256 values, so that both backends do the same.
+    NumPy if ``encoded`` is NumPy. It is a lookup in a table of all codes, so that both backends do the same. Code 257 * c of
+    16 bits is code c of 8.
 
     Raises:
-        TypeError: not uint8; the text says what came.
+        TypeError: neither uint8 nor uint16; the text says what came.
     """
     op = "decode_srgb"
     arguments.choose_backend(op, backend)
-    codes = arguments.check_tensor(op, "encoded", encoded, torch.uint8, "[...]", None)
-    return arguments.like(torch_private.beside(_DECODED, codes).to(codes.device)[codes.long()], encoded)
+    codes = arguments.check_tensor(op, "encoded", encoded, (torch.uint8, torch.uint16), "[...]", None)
+    table = _DECODED if codes.dtype == torch.uint8 else _DECODED_16
+    return arguments.like(torch_private.beside(table, codes).to(codes.device)[codes.long()], encoded)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import torch
 
 from .. import warn
@@ -12,6 +15,10 @@ from .arguments import Array, ArrayT
 
 FILTERS = ("bilinear", "nearest")
 WRAPS = ("repeat", "clamp")
+_CODES: dict[Any, torch.dtype] = {
+    **{torch.uint8: torch.uint8, torch.uint16: torch.uint16},
+    **{np.dtype(np.uint8): torch.uint8, np.dtype(np.uint16): torch.uint16},
+}
 # A texture with as many rows as a picture has channels, and at least so many columns and channels, looks like a picture
 # with its channels first. A smaller one may as well be a table of features, which often has few rows.
 _PICTURE_CHANNELS, _PICTURE_SIDE = (1, 3, 4), 16
@@ -29,10 +36,11 @@ def sample_texture(
     """Look ``uv`` up in ``texture``, without mipmaps.
 
     Args:
-        texture: float32 [Ht, Wt, C], 1 to 65536 px a side, row 0 on top, channels last; linear light if it is to be
-            shaded. C may be any number, so [C, Ht, Wt], as torch's convolutions have it, is a texture of C rows too.
-            Where that looks like a picture of 1, 3 or 4 channels there is a warning, once in the process; nothing else
-            tells the two apart.
+        texture: [Ht, Wt, C], 1 to 65536 px a side, row 0 on top, channels last. float32, linear light if it is to be
+            shaded; or uint8 or uint16, sRGB codes that are decoded as they are read, all channels alike: the bits are
+            those of ``decode_srgb(texture)``. C may be any number, so [C, Ht, Wt], as torch's convolutions have it, is a
+            texture of C rows too. Where that looks like a picture of 1, 3 or 4 channels there is a warning, once in the
+            process; nothing else tells the two apart.
         uv: float32 [..., 2]; (0, 0) is the lower left corner of the image, (1, 1) the upper right one.
         filter: "bilinear" or "nearest".
         wrap: what lies beyond [0, 1]: "repeat" or "clamp".
@@ -50,14 +58,16 @@ def sample_texture(
     arguments.check_choice(op, "filter", filter, FILTERS)
     arguments.check_choice(op, "wrap", wrap, WRAPS)
     if chosen == "native":
-        inputs: list[torch.Tensor] = arguments.all_as_is((texture, torch.float32), (uv, torch.float32))
+        inputs: list[torch.Tensor] = arguments.all_as_is(
+            (texture, _CODES.get(getattr(texture, "dtype", None), torch.float32)), (uv, torch.float32)
+        )
         if inputs and not _has_channels_first(inputs[0].shape):
             operator, shape = torch.ops.bigtri.sample_texture.default, (*inputs[1].shape[:-1], *inputs[0].shape[2:])
             looked_up = arguments.run_as_is(operator, (*inputs, filter, wrap), out, torch.float32, shape)
             if looked_up is not None:
                 return arguments.like(looked_up, uv)
 
-    texels = arguments.check_tensor(op, "texture", texture, torch.float32, "[Ht, Wt, C]", 3, chosen)
+    texels = arguments.check_tensor(op, "texture", texture, (torch.float32, torch.uint8, torch.uint16), "[Ht, Wt, C]", 3, chosen)
     height, width, channels = (int(n) for n in texels.shape)
     if height == 0 or width == 0:
         raise ValueError(f"bigtri.{op}: texture must have at least one texel, got {list(texels.shape)}")

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .float_mode import default_float_mode
+from .shading import decode_srgb
 
 
 @default_float_mode
 def sample_texture(
-    texture: NDArray[np.float32], uv: NDArray[np.float32], filter: str = "bilinear", wrap: str = "repeat"
+    texture: NDArray[Any], uv: NDArray[np.float32], filter: str = "bilinear", wrap: str = "repeat"
 ) -> NDArray[np.float32]:
     """Look ``uv`` up in ``texture``.
 
     Args:
-        texture: float32 [Ht, Wt, C], row 0 on top.
+        texture: float32 [Ht, Wt, C], row 0 on top; uint8 or uint16 of sRGB codes, which are decoded first.
         uv: float32 [..., 2]; (0, 0) is the lower left corner of the image, (1, 1) the upper right one.
         filter: "bilinear" or "nearest".
         wrap: what lies beyond [0, 1]: "repeat" or "clamp" (the border goes on for ever).
@@ -23,6 +26,8 @@ def sample_texture(
     Returns:
         float32 [..., C]. A uv pair with a NaN or an infinity reads as (0, 0).
     """
+    if texture.dtype != np.float32:
+        texture = decode_srgb(texture)
     height, width, channels = texture.shape
     flat = uv.reshape(-1, 2)
     flat = np.where(np.isfinite(flat).all(axis=1, keepdims=True), flat, np.float32(0))

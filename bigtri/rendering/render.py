@@ -111,7 +111,7 @@ def render(
     seconds: dict[str, float] = {}
 
     with _timed(seconds, "transform"):
-        clip = np.stack([c.transform(scene.positions, columns / rows) for c in cameras])
+        clip = np.stack([c.transform(scene.positions, columns / rows, scene.origin) for c in cameras])
     positions, triangles = torch.from_numpy(clip), torch.from_numpy(scene.triangles)
     with _timed(seconds, "rasterize"):
         seen = rasterize(positions, triangles, (height, width), backend=backend, cull=scene.cull, depth=return_buffers)

@@ -2,6 +2,7 @@
 
 from .camera import Camera
 from .load import from_trimesh, load_scene
+from .readers.model import ModelWarning
 from .scene import Light, Material, Scene, merge
 
-__all__ = ["Camera", "Light", "Material", "Scene", "from_trimesh", "load_scene", "merge"]
+__all__ = ["Camera", "Light", "Material", "ModelWarning", "Scene", "from_trimesh", "load_scene", "merge"]

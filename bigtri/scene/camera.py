@@ -25,7 +25,7 @@ class Camera:
     """Looks from ``eye`` at ``target``.
 
     Attributes:
-        eye, target: world space, any unit of length.
+        eye, target: world space, any unit of length; float64, so that map coordinates in the millions keep their nanometres.
         up: the direction that points up in the picture; need not be perpendicular to the view.
         fov_y: the vertical field of view, degrees, in (0, 180). Below pi, where any in radians is and few lenses are,
             there is a warning, once in the process.
@@ -163,33 +163,39 @@ class Camera:
         far = max(self.distance, near) * _FAR_MULTIPLE if self.far is None else self.far
         return near, far
 
-    def matrix(self, aspect: float) -> NDArray[np.float64]:
-        """World to clip space: float64 [4, 4], for column vectors; ``aspect`` is width / height.
+    def matrix(self, aspect: float, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
+        """World to clip space: float64 [4, 4], for column vectors.
+
+        Args:
+            aspect: width / height.
+            origin: what points are counted from, world space.
 
         Raises:
-            TypeError, ValueError: an aspect that is no number, or not positive and finite.
+            TypeError, ValueError: an aspect that is no number, or not positive and finite; an origin that is not three numbers.
         """
         aspect = _positive("Camera", "aspect", aspect)
+        # The two are near each other where the scene is. Subtracted here, large coordinates are multiplied by nothing.
+        eye = _subtract(self.eye, vector("Camera", "origin", origin))
         forward = self.forward
         right = _unit(_cross(forward, self.up))
         upward = _cross(right, forward)
         near, far = self.depth_range
         scale = 1 / math.tan(math.radians(self.fov_y) / 2)
         depth_scale, depth_offset = (far + near) / (far - near), -2 * far * near / (far - near)
-        row_x = _row(right, self.eye, scale / aspect)
-        row_y = _row(upward, self.eye, scale)
-        row_z = _row(forward, self.eye, depth_scale)
+        row_x = _row(right, eye, scale / aspect)
+        row_y = _row(upward, eye, scale)
+        row_z = _row(forward, eye, depth_scale)
         row_z[3] = row_z[3] + depth_offset
-        return np.array([row_x, row_y, row_z, _row(forward, self.eye, 1.0)], np.float64)
+        return np.array([row_x, row_y, row_z, _row(forward, eye, 1.0)], np.float64)
 
-    def transform(self, points: ArrayLike, aspect: float) -> NDArray[np.float32]:
-        """World-space points [V, 3] to clip space, float32 [V, 4].
+    def transform(self, points: ArrayLike, aspect: float, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> NDArray[np.float32]:
+        """Points [V, 3], counted from ``origin``, to clip space, float32 [V, 4].
 
         Every component is ``((m0*x + m1*y) + m2*z) + m3`` in float64, rounded once to float32: no matrix product, whose order of
-        summation a library would choose.
+        summation a library would choose. The matrix is ``matrix(aspect, origin)``.
 
         Raises:
-            TypeError, ValueError: points or an aspect that are not as said above.
+            TypeError, ValueError: points, an aspect or an origin that are not as said above.
         """
         world = _points("Camera.transform", "points", points)
         if world.ndim != 2 or world.shape[1] != 3:
@@ -197,7 +203,7 @@ class Camera:
         clip = np.empty((len(world), 4), np.float32)
         # A point beyond float32's range becomes an infinity, and rasterize drops and counts its triangles.
         with np.errstate(over="ignore", invalid="ignore"):
-            for i, row in enumerate(self.matrix(aspect)):
+            for i, row in enumerate(self.matrix(aspect, origin)):
                 clip[:, i] = affine(row, world)
         return clip
 

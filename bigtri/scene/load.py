@@ -2,30 +2,64 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import warnings
 from pathlib import Path
 from typing import Any
 
-from .scene import Scene, merge
-from .trimesh_parts import ModelError, asking_trimesh, parts_of
+from .readers import through_trimesh
+from .readers.assemble import assemble
+from .readers.model import Finding, Model, ModelError, ModelWarning
+from .scene import Scene
 
-FILE_KINDS = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+# The module of each kind of file; its read(path) gives a Model.
+_READERS = {
+    ".glb": "gltf",
+    ".gltf": "gltf",
+    ".obj": "obj",
+    ".ply": "ply",
+    ".stl": "stl",
+    ".off": "off",
+}
+FILE_KINDS = tuple(_READERS)
 
 
-def load_scene(path: str | os.PathLike[str]) -> Scene:
-    """A scene from a GLB, glTF, OBJ (with MTL), PLY, STL or OFF file, through trimesh.
+def load_scene(path: str | os.PathLike[str], strict: bool = False) -> Scene:
+    """A scene from a GLB, glTF, OBJ (with MTL), PLY, STL or OFF file; docs/models.md says what is read of each.
 
-    Nodes are placed by their transforms; vertex normals are computed where the file has none, with a crease of 50 degrees.
-    Surfaces that do not enclose a solid, or that glTF calls double-sided, are lit from both sides. Base colour, base colour
-    texture and vertex colours are read; transparency, emission, metalness, normal maps and texture samplers are not.
+    Meshes are placed by their nodes; vertex normals are computed where the file has none, with a crease of 50 degrees.
+    Surfaces that do not enclose a solid, or that the file calls double-sided, are lit from both sides. Positions are counted
+    from ``Scene.origin``, which is (0, 0, 0) unless a coordinate is more than 8 times the model's size.
+
+    What the file has and the picture does not show is a ``ModelWarning``, one for each kind of it.
+
+    Args:
+        path: the file; its ending says what it is.
+        strict: whether such a warning is an error instead.
 
     Raises:
         FileNotFoundError: no such file.
-        ImportError: trimesh is not installed.
-        TypeError: path is none.
-        ValueError: the file is of another kind, cannot be read, or holds no triangles.
+        TypeError: path is none, or strict is neither True nor False.
+        ValueError: the file is of another kind, cannot be read, or holds no triangles; or a warning, if ``strict``.
     """
+    if not isinstance(strict, bool):
+        raise TypeError(f"bigtri.load_scene: strict must be True or False, got {strict!r}")
+    model = read_model(path)
+    try:
+        scene = assemble(model)
+    except ModelError as error:
+        raise ValueError(f"bigtri.load_scene: {os.fspath(path)}: {error}") from error
+    texts = [_sentence(finding) for finding in model.findings.values()]
+    if strict and texts:
+        raise ValueError(f"bigtri.load_scene: {os.fspath(path)} has what is not drawn, which strict forbids: {'; '.join(texts)}")
+    for text in texts:
+        warnings.warn(f"{os.fspath(path)}: {text}", ModelWarning, stacklevel=2)
+    return scene
+
+
+def read_model(path: str | os.PathLike[str]) -> Model:
+    """What a file holds, as its reader hands it over. Raises what ``load_scene`` raises, but not for want of triangles."""
     try:
         path = Path(path)
     except TypeError:
@@ -36,20 +70,9 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     if kind not in FILE_KINDS:
         kinds = ", ".join(FILE_KINDS)
         raise ValueError(f"bigtri.load_scene: path must end in {kinds}, got {path.name}: convert it to .glb, for example")
+    reader = importlib.import_module(f".readers.{_READERS[kind]}", __package__)
     try:
-        import trimesh
-    except ImportError as error:
-        raise ImportError("bigtri.load_scene: reading models needs trimesh: pip install trimesh pillow") from error
-    try:
-        with asking_trimesh():
-            # Processing would merge vertices that differ in texture coordinates or normals.
-            loaded = trimesh.load_scene(str(path), process=False)
-    except ModelError as error:
-        raise ValueError(f"bigtri.load_scene: {path} cannot be read as {kind[1:]}: {error}") from error
-    if kind == ".obj":
-        _warn_of_missing_materials(path)
-    try:
-        return _merged_parts(loaded, linear_colors=kind in (".glb", ".gltf"))
+        return reader.read(path)
     except ModelError as error:
         raise ValueError(f"bigtri.load_scene: {path}: {error}") from error
 
@@ -70,21 +93,10 @@ def from_trimesh(loaded: Any, linear_colors: bool = False) -> Scene:
     if not isinstance(loaded, trimesh.Scene | trimesh.Trimesh):
         raise TypeError(f"bigtri.from_trimesh: loaded must be a trimesh.Scene or trimesh.Trimesh, got {type(loaded).__name__}")
     try:
-        return _merged_parts(loaded, linear_colors)
+        return assemble(through_trimesh.model_of(loaded, linear_colors))
     except ModelError as error:
         raise ValueError(f"bigtri.from_trimesh: {error}") from error
 
 
-def _merged_parts(loaded: Any, linear_colors: bool) -> Scene:
-    parts = parts_of(loaded, linear_colors)
-    if not parts:
-        raise ModelError("there are no triangles in it: point clouds and lines are not drawn")
-    return merge(parts)
-
-
-def _warn_of_missing_materials(path: Path) -> None:
-    with open(path, errors="replace") as lines:
-        names = [line.split(None, 1)[1].strip() for line in lines if line.startswith("mtllib ") and len(line.split()) > 1]
-    for name in names:
-        if not os.path.isfile(path.parent / name):
-            warnings.warn(f"{path} refers to {name}, which is not beside it: its materials are drawn grey", stacklevel=3)
+def _sentence(finding: Finding) -> str:
+    return finding.text if finding.count == 1 else f"{finding.text} ({finding.count} times)"

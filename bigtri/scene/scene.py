@@ -11,28 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..choices import CULLS
-from ..ops import arguments
 from ..ops.texture import FILTERS, WRAPS
-from .camera import Vector, vector
+from .camera import Camera, Vector, number, vector
+from .carried import Lamp, Marks
+from .checks import check_array, check_choice
+from .origin import WORLD_ORIGIN, bounds_of, relative
 
-
-# Here, because Scene's default material is made when this file is read.
-def _choice(owner: str, name: str, value: Any, allowed: tuple[str, ...]) -> None:
-    if not isinstance(value, str):
-        raise TypeError(f"bigtri.{owner}: {name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
-    arguments.check_choice(owner, name, value, allowed)
-
-
-def _checked(owner: str, name: str, value: Any, dtype: type[np.generic], *shape: int | str) -> NDArray[Any]:
-    """``value``, or a copy of it where torch could not share its memory: contiguous and writable."""
-    wanted = f"{np.dtype(dtype)} [{', '.join(map(str, shape))}]"
-    if not isinstance(value, np.ndarray) or value.dtype != dtype:
-        got = f"{value.dtype} {list(value.shape)}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise TypeError(f"bigtri.{owner}: {name} must be a NumPy array {wanted}, got {got}")
-    fits = value.ndim == len(shape) and all(isinstance(s, str) or s == n for s, n in zip(shape, value.shape, strict=True))
-    if not fits:
-        raise ValueError(f"bigtri.{owner}: {name} must be {wanted}, got {list(value.shape)}")
-    return np.require(value, requirements=("C", "A", "W"))
+ALPHA_MODES = ("opaque", "mask", "blend")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +27,18 @@ class Material:
     Attributes:
         name: for people.
         base_color: linear red, green, blue.
-        texture: float32 [Ht, Wt, 3], linear, row 0 on top, the channels last, or None.
+        texture: [Ht, Wt, 3], row 0 on top, the channels last, or None: float32, linear; or uint8 or uint16, sRGB codes, which
+            are kept and decoded only where they are read.
         wrap, filter: how the texture is read: "repeat" or "clamp", "bilinear" or "nearest".
         vertex_colors: whether the scene's vertex colours apply.
         smooth: whether normals are interpolated from the vertices; otherwise each triangle is flat.
         two_sided: whether a back face is lit as if its normal pointed at the viewer. Open surfaces need it.
+        alpha_mode: "opaque", "mask" or "blend": what alpha is for. This and all below is carried for files, and not drawn yet.
+        alpha: of the whole surface. That of a texture is not kept.
+        alpha_cutoff: below which alpha the surface is not there, if it is masked.
+        unlit: whether its colour is shown without lights.
+        emissive: linear red, green, blue that it emits.
+        emissive_texture: as ``texture``, times ``emissive``; or None.
 
     Raises:
         TypeError, ValueError: an attribute that is not as said above; the text names it.
@@ -54,33 +46,49 @@ class Material:
 
     name: str = "material"
     base_color: Vector = (1.0, 1.0, 1.0)
-    texture: NDArray[np.float32] | None = None
+    texture: NDArray[np.float32] | NDArray[np.uint8] | NDArray[np.uint16] | None = None
     wrap: str = "repeat"
     filter: str = "bilinear"
     vertex_colors: bool = False
     smooth: bool = True
     two_sided: bool = True
+    alpha_mode: str = "opaque"
+    alpha: float = 1.0
+    alpha_cutoff: float = 0.5
+    unlit: bool = False
+    emissive: Vector = (0.0, 0.0, 0.0)
+    emissive_texture: NDArray[np.float32] | NDArray[np.uint8] | NDArray[np.uint16] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise TypeError(f"bigtri.Material: name must be text, got {self.name!r}")
         object.__setattr__(self, "base_color", vector("Material", "base_color", self.base_color))
-        if self.texture is not None:
-            shape = self.texture.shape if isinstance(self.texture, np.ndarray) else ()
-            if len(shape) == 3 and shape[0] in (1, 3, 4) and shape[2] not in (1, 3, 4):
-                raise ValueError(
-                    f"bigtri.Material: texture must be float32 [Ht, Wt, 3], got {list(shape)}, "
-                    "which looks like [C, Ht, Wt]: pass texture.transpose(1, 2, 0)"
-                )
-            texture = _checked("Material", "texture", self.texture, np.float32, "Ht", "Wt", 3)
-            if texture.size == 0:
-                raise ValueError(f"bigtri.Material: texture must have at least one texel, got {list(texture.shape)}")
-            object.__setattr__(self, "texture", texture)
-        _choice("Material", "wrap", self.wrap, WRAPS)
-        _choice("Material", "filter", self.filter, FILTERS)
-        for name in ("vertex_colors", "smooth", "two_sided"):
+        self._keep_texture("texture")
+        self._keep_texture("emissive_texture")
+        check_choice("Material", "wrap", self.wrap, WRAPS)
+        check_choice("Material", "filter", self.filter, FILTERS)
+        check_choice("Material", "alpha_mode", self.alpha_mode, ALPHA_MODES)
+        object.__setattr__(self, "emissive", vector("Material", "emissive", self.emissive))
+        for name in ("alpha", "alpha_cutoff"):
+            object.__setattr__(self, name, number("Material", name, getattr(self, name)))
+        for name in ("vertex_colors", "smooth", "two_sided", "unlit"):
             if not isinstance(getattr(self, name), bool | np.bool_):
                 raise TypeError(f"bigtri.Material: {name} must be True or False, got {getattr(self, name)!r}")
+
+    def _keep_texture(self, name: str) -> None:
+        given = getattr(self, name)
+        if given is None:
+            return
+        shape: tuple[int, ...] = given.shape if isinstance(given, np.ndarray) else ()
+        if len(shape) == 3 and shape[0] in (1, 3, 4) and shape[2] not in (1, 3, 4):
+            raise ValueError(
+                f"bigtri.Material: {name} must be [Ht, Wt, 3], got {list(shape)}, "
+                f"which looks like [C, Ht, Wt]: pass {name}.transpose(1, 2, 0)"
+            )
+        texture = check_array("Material", name, given, (np.float32, np.uint8, np.uint16), "Ht", "Wt", 3)
+        if texture.size == 0:
+            raise ValueError(f"bigtri.Material: {name} must have at least one texel, got {list(texture.shape)}")
+        object.__setattr__(self, name, texture)
 
 
 @dataclass(frozen=True)
@@ -123,7 +131,7 @@ class Scene:
     """Everything to be drawn, in world space. Arrays are NumPy.
 
     Attributes:
-        positions: float32 [V, 3].
+        positions: float32 [V, 3], counted from ``origin``.
         triangles: int32 [T, 3]; counter-clockwise from the front.
         normals: float32 [V, 3], or None: everything is flat.
         uvs: float32 [V, 2], (0, 0) at the lower left of the texture, or None: nothing is textured.
@@ -134,6 +142,11 @@ class Scene:
         ambient: linear red, green, blue.
         background: linear colours at the top and at the bottom of the picture, blended in between.
         cull: "none", "back" or "front": which faces are not drawn.
+        origin: where in world space positions are counted from, in float64. Cameras and ``bounds`` know nothing of it: it is
+            there to keep positions small, since float32 has no millimetres of map coordinates in the millions.
+        marks: points and lines of a file, any number of sets. This and all below is carried, and not drawn yet.
+        cameras: those of a file: ``render`` takes them, but does so only if it is given them.
+        lamps: the lights of a file.
 
     Raises:
         TypeError, ValueError: arrays that do not belong together; the text names the attribute.
@@ -150,6 +163,10 @@ class Scene:
     ambient: Vector = DEFAULT_AMBIENT
     background: tuple[Vector, Vector] = DEFAULT_BACKGROUND
     cull: str = "none"
+    origin: Vector = WORLD_ORIGIN
+    marks: tuple[Marks, ...] = ()
+    cameras: tuple[Camera, ...] = ()
+    lamps: tuple[Lamp, ...] = ()
 
     def __post_init__(self) -> None:
         self._keep_array("positions", np.float32, "V", 3)
@@ -172,17 +189,23 @@ class Scene:
             if faces and not (indices.min() >= 0 and indices.max() < count):
                 got = f"indices from {indices.min()} to {indices.max()}"
                 raise ValueError(f"bigtri.Scene: {name} must index the {count} {of}, got {got}")
-        _choice("Scene", "cull", self.cull, CULLS)
+        check_choice("Scene", "cull", self.cull, CULLS)
+        object.__setattr__(self, "origin", vector("Scene", "origin", self.origin))
+        for name, kind in (("marks", Marks), ("cameras", Camera), ("lamps", Lamp)):
+            object.__setattr__(self, name, _all_of(name, getattr(self, name), kind))
 
     def _keep_array(self, name: str, dtype: type[np.generic], *shape: int | str) -> None:
-        object.__setattr__(self, name, _checked("Scene", name, getattr(self, name), dtype, *shape))
+        object.__setattr__(self, name, check_array("Scene", name, getattr(self, name), (dtype,), *shape))
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """float64 [2, 3]: the lowest and the highest corner of what the triangles use; zeros for an empty scene."""
-        used = self.positions[self.triangles.reshape(-1)].astype(np.float64)
-        used = used[np.isfinite(used).all(axis=1)]
-        return np.stack([used.min(axis=0), used.max(axis=0)]) if len(used) else np.zeros((2, 3))
+        """float64 [2, 3], world space: the lowest and highest corner of what the triangles use; of an empty scene the origin."""
+        used = np.zeros(len(self.positions), bool)
+        used[self.triangles.reshape(-1)] = True
+        bounds = bounds_of(self.positions[used])
+        if bounds is None:
+            bounds = np.zeros((2, 3))
+        return bounds if self.origin == WORLD_ORIGIN else bounds + np.array(self.origin)  # -0 + 0 would be another zero
 
     @property
     def used_materials(self) -> tuple[int, ...]:
@@ -195,7 +218,11 @@ class Scene:
 
 
 def merge(scenes: Sequence[Scene]) -> Scene:
-    """One scene with the geometry and materials of all; lights, ambient light, background and culling are the first one's.
+    """One scene with the geometry, materials, marks, cameras and lamps of all. Lights, ambient light, background and culling are
+    the first one's.
+
+    Where all have the same origin, positions stay as they are. Otherwise they are brought together in float64, and the origin is
+    chosen anew, as ``load_scene`` chooses it.
 
     Raises:
         TypeError: something that is no Scene.
@@ -222,12 +249,19 @@ def merge(scenes: Sequence[Scene]) -> Scene:
         zeros = (np.zeros((len(s.positions), channels), np.float32) for s in scenes)
         parts = [zero if array is None else array for array, zero in zip(given, zeros, strict=True)]
         joined[name] = None if all(array is None for array in given) else np.concatenate(parts)
+    origin, positions = scenes[0].origin, [s.positions for s in scenes]
+    if any(s.origin != origin for s in scenes):
+        origin, positions = relative([s.positions.astype(np.float64) + np.array(s.origin) for s in scenes])
     return replace(
         scenes[0],
-        positions=np.concatenate([s.positions for s in scenes]),
+        positions=np.concatenate(positions),
         triangles=np.concatenate([s.triangles + np.int32(o) for s, o in zip(scenes, vertex_offset, strict=False)]),
         material=np.concatenate(indices),
         materials=tuple(kept),
+        origin=origin,
+        marks=tuple(marks.moved(s.origin, origin) for s in scenes for marks in s.marks),
+        cameras=tuple(camera for s in scenes for camera in s.cameras),
+        lamps=tuple(lamp for s in scenes for lamp in s.lamps),
         **joined,
     )
 

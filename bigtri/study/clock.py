@@ -1,4 +1,4 @@
-"""The clock: how long a call takes, how much memory it needs, and what holds meanwhile.
+"""The clock: how long a call takes, how much memory it needs, how evenly it loads threads, and what holds meanwhile.
 
 It warms up, then repeats until its time is spent, and reports median, minimum and quartiles: on a shared machine the minimum is
 what the code can do, the distance between the quartiles how far to trust the median.
@@ -64,6 +64,34 @@ def peak_mib(call: Callable[[], object]) -> float | None:
         return None
     call()
     return max(0, resident("VmHWM") - before) / 1024
+
+
+class Load(NamedTuple):
+    """How evenly a call's parallel loops load threads, milliseconds of processor time; the median of several calls."""
+
+    longest: float  # the thread that works longest in a loop; all loops together
+    mean: float  # of all threads
+
+
+def thread_load(call: Callable[[], object], threads: int, calls: int = 9) -> Load:
+    """How ``call``, which draws on the CPU, would load ``threads`` equal cores, however many there are here.
+
+    One thread does all the work. Each piece is timed and counts for the thread that would have taken it: the first that is
+    free. Asking for the time takes some 0.3 us, which is part of each piece. What a core has to wait for, memory above all, is
+    not in it where another core would be the reason. Nothing else may draw meanwhile.
+    """
+    loads = []
+    call()
+    torch.ops.bigtri.thread_load(threads)
+    try:
+        for _ in range(calls):
+            torch.ops.bigtri.thread_load(threads)
+            call()
+            longest, every = torch.ops.bigtri.thread_load(threads)
+            loads.append(Load(longest / 1e6, every / 1e6 / threads))
+    finally:
+        torch.ops.bigtri.thread_load(0)
+    return sorted(loads, key=lambda load: load.longest / max(load.mean, 1e-9))[calls // 2]
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import gltf_files
 import numpy as np
 import pytest
 import trimesh
@@ -54,7 +55,7 @@ def test_backends_draw_the_same(model, tmp_path):
         (["{model}", "-o", "x.gif"], "--out must end in .png"),
         (["{model}", "-o", "no/such/folder/x.png"], "make it first"),
         (["{model}", "-o", "{folder}/folder.png"], "--out must be a file"),
-        (["{folder}/two.obj", "-o", "{folder}/x.png"], "vertices must be [V, 3], got [3, 2]"),
+        (["{folder}/two.obj", "-o", "{folder}/x.png"], "line 1: v must have 3 numbers or more, got '0 0'"),
         (["{model}", "-o", "{folder}/x.png", "--fov", "200"], "fov_y must be in"),
         (["{model}", "-o", "{folder}/x.png", "--azimuth", "inf"], "azimuth must be a finite number"),
         (["{model}", "-o", "{folder}/x.png", "--size", "4096x9", "--supersample", "5"], "--supersample must be at most 4"),
@@ -113,6 +114,57 @@ def test_warnings_are_one_line(tmp_path, capsys):
     assert cli.main(["render", str(tmp_path / "one.obj"), "-o", str(tmp_path / "x.png"), "--size", "32x32"]) == 0
     warning = [line for line in capsys.readouterr().err.splitlines() if "gone.mtl" in line]
     assert len(warning) == 1 and warning[0].startswith("bigtri: warning: ")
+
+
+def lamp(folder):
+    """A square whose material emits light, beside a line."""
+    file = gltf_files.quad(material=0)
+    file.material(emissiveFactor=[1, 1, 1], name="lamp")
+    file.node(file.primitive({"POSITION": gltf_files.QUAD[:2]}, mode=1))
+    return file.write(folder / "lamp.glb")
+
+
+def test_strict(tmp_path, capsys):
+    arguments = ["render", str(lamp(tmp_path)), "-o", str(tmp_path / "x.png"), "--size", "32x32"]
+    assert cli.main([*arguments, "--strict"]) == 2
+    assert not (tmp_path / "x.png").exists()
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("bigtri render: ") and "emits light" in error and "lines (primitive mode 1) are not drawn" in error
+    assert cli.main(arguments) == 0
+    assert sum(line.startswith("bigtri: warning: ") for line in capsys.readouterr().err.splitlines()) == 2
+
+
+def test_info_of_a_model(tmp_path, capsys):
+    path = lamp(tmp_path)
+    assert cli.main(["info", str(path)]) == 0
+    lines = dict(line.split(":", 1) for line in capsys.readouterr().out.splitlines())
+    assert {name: value.strip() for name, value in lines.items()} == {
+        "file": f"{path}, {path.stat().st_size} bytes",
+        "meshes": "1, placed 1 times",
+        "triangles": "2",
+        "vertices": "4, with positions alone",
+        "materials": "1",
+        "images": "0",
+        "points and lines": "1",
+        "drawn": "2 triangles, 4 vertices",
+        "drawn with": "1 materials, 0 with a texture, 1 lit from both sides",
+        "drawn from": "-1 -1 0 to 1 1 0 (x y z)",
+        "not drawn, emission": "a material emits light (emissiveFactor): it is drawn without it (found: 1)",
+        "not drawn, lines": "lines (primitive mode 1) are not drawn (found: 1)",
+    }
+
+
+def test_info_of_a_model_without_triangles(tmp_path, capsys):
+    path = gltf_files.quad(mode=0).write(tmp_path / "points.gltf")
+    assert cli.main(["info", str(path)]) == 0
+    assert "nothing: there are no triangles in it" in capsys.readouterr().out
+    assert cli.main(["info", str(tmp_path / "nowhere.glb")]) == 2
+    assert "no such file" in capsys.readouterr().err
+
+
+def test_info_of_a_model_that_is_drawn_whole(model, capsys):
+    assert cli.main(["info", str(model)]) == 0
+    assert "not drawn:  nothing is left out" in capsys.readouterr().out
 
 
 def test_radians_on_the_command_line(model, tmp_path, capsys, monkeypatch):

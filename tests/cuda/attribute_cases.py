@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from cuda_bits import Scene, case_of
 from test_shading import awkward_lambert
-from test_texture import SHAPES, awkward_coordinates
+from test_texture import SHAPES, awkward_coordinates, codes, every_code
 
 import bigtri
 from bigtri.precision import DEFAULT
@@ -40,7 +40,7 @@ class OPS:
 
     @staticmethod
     def sample_texture(texture: torch.Tensor, uv: torch.Tensor, how: str, wrap: str) -> torch.Tensor:
-        out = texture.new_empty(len(uv), texture.shape[2])
+        out = uv.new_empty(len(uv), texture.shape[2])
         torch.ops.bigtri.sample_texture(texture, uv, filter=how, wrap=wrap, out=out)
         return out
 
@@ -135,8 +135,16 @@ def of_textures(how: str, wrap: str, count: int) -> Iterator[Call]:
     """count: coordinates for each texture, and as many special ones."""
     rng = np.random.default_rng(1)
     for shape in (*SHAPES, (3, 2, 40), (1, 65536, 1), (65536, 1, 1)):
-        texture = torch.from_numpy(rng.normal(size=shape).astype(np.float32))
-        yield OPS.sample_texture, texture, torch.from_numpy(awkward_coordinates(rng, count)), how, wrap
+        uv = torch.from_numpy(awkward_coordinates(rng, count))
+        yield OPS.sample_texture, torch.from_numpy(rng.normal(size=shape).astype(np.float32)), uv, how, wrap
+        for dtype in (np.uint8, np.uint16):
+            yield OPS.sample_texture, torch.from_numpy(codes(rng, dtype, *shape)), uv, how, wrap
+
+
+def of_every_code() -> Iterator[Call]:
+    for dtype in (np.uint8, np.uint16):
+        texture, uv = every_code(dtype)
+        yield OPS.sample_texture, torch.from_numpy(texture), torch.from_numpy(uv).view(-1, 2), "nearest", "repeat"
 
 
 def of_lights(lights: int, count: int) -> Iterator[Call]:

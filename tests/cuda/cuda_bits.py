@@ -20,15 +20,18 @@ DEVICE = "cuda"
 VARIANTS = native.VARIANTS.get("cuda", ())
 needs_cuda = pytest.mark.skipif("cuda" not in native.devices(), reason="no CUDA build, or no CUDA device")
 
-# Launch settings under which a scene takes another way through the kernels; up to 256 triangles its own way is "few".
+EVERY = 65536  # a bound on few triangles that no case has more of
+# Launch settings under which a scene takes another way through the kernels.
 PATHS: dict[str, dict[str, int]] = {
     "default": {},
-    "few warps": {"warps": 4},
-    "many warps": {"warps": 16},
+    "few": {"few": EVERY},
+    "few warps": {"few": EVERY, "warps": 4},
+    "many warps": {"few": EVERY, "warps": 16},
     "rows": {"few": 0},
     "narrow": {"few": 0, "widest": 20},
-    "apart": {"few": 0, "share": 256},
-    "tested": {"few": 0, "share": 2048},
+    "even": {"few": 0, "share": 256},
+    "apart": {"few": 0, "share": 128},
+    "tested": {"few": 0, "share": 1024},
 }
 # More values of parameters than their registry names: lists and queues of one, sizes that leave work for a second turn.
 VALUES: dict[str, tuple[int, ...]] = {
@@ -36,7 +39,7 @@ VALUES: dict[str, tuple[int, ...]] = {
     "blocks": (0, 1, 3, 1000),
     "queue": (1, 2, 700),
     "widest": (0, 1, 64, 256),
-    "share": (4, 32, 256, 2048),
+    "share": (4, 32, 128, 256, 1024),
     "cache": (0, 400_000, 800_000),
     "few": (0, 1, 64, 65536),
 }

@@ -238,6 +238,21 @@ const bigtri::CudaVariant* find_variant(const char* name) {
   return *v;
 }
 
+// sample_on_cpu for one type of values.
+template <class Code>
+int sample_values(const Code* texture, const float* uv, const int64_t* sizes, float* out) {
+  using namespace bigtri;
+  handle_faults();
+  const Copied<Code> texels(texture, sizes[0] * sizes[1] * sizes[2]);
+  const Copied<float> coordinates(uv, 2 * sizes[3]);
+  const Memory result(sizes[3] * sizes[2] * 4, 0x33);
+  kernel = 0;
+  const cudaError_t error = sample_cuda(texels.get(), (int)sizes[0], (int)sizes[1], sizes[2], coordinates.get(),
+                                        sizes[3], (Filter)sizes[4], (Wrap)sizes[5], result.of<float>(), nullptr);
+  memcpy(out, result.of<float>(), sizes[3] * sizes[2] * 4);
+  return error;
+}
+
 }  // namespace
 
 const uint64_t* warp_values(uint64_t value, const char* file, int line) {
@@ -374,17 +389,12 @@ int interpolate_on_cpu(const int64_t* packed, const float* positions, const int3
   return error;
 }
 
-// sizes: of the texture, height, width and channels; coordinates; filter; wrap.
-int sample_on_cpu(const float* texture, const float* uv, const int64_t* sizes, float* out) {
-  using namespace bigtri;
-  handle_faults();
-  const Copied<float> texels(texture, sizes[0] * sizes[1] * sizes[2]), coordinates(uv, 2 * sizes[3]);
-  const Memory result(sizes[3] * sizes[2] * 4, 0x33);
-  kernel = 0;
-  const cudaError_t error = sample_cuda(texels.get(), (int)sizes[0], (int)sizes[1], sizes[2], coordinates.get(),
-                                        sizes[3], (Filter)sizes[4], (Wrap)sizes[5], result.of<float>(), nullptr);
-  memcpy(out, result.of<float>(), sizes[3] * sizes[2] * 4);
-  return error;
+// bytes: of a value of the texture, which is float, uint8_t or uint16_t. sizes: of the texture, height, width and
+// channels; coordinates; filter; wrap.
+int sample_on_cpu(const void* texture, int64_t bytes, const float* uv, const int64_t* sizes, float* out) {
+  if (bytes == 1) return sample_values(static_cast<const uint8_t*>(texture), uv, sizes, out);
+  if (bytes == 2) return sample_values(static_cast<const uint16_t*>(texture), uv, sizes, out);
+  return sample_values(static_cast<const float*>(texture), uv, sizes, out);
 }
 
 int lambert_on_cpu(const float* normals, const float* albedo, const float* ambient, const float* directions,

@@ -13,6 +13,7 @@ from attribute_cases import (
     of_any_buffer,
     of_batches,
     of_channels,
+    of_every_code,
     of_indices_out_of_range,
     of_lights,
     of_numbers,
@@ -122,6 +123,11 @@ def test_empty_inputs():
 def test_textures(how, wrap):
     for call in of_textures(how, wrap, 3000):
         assert_same(*call, what=call[1].shape)
+
+
+def test_every_code_of_a_texture():
+    for call in of_every_code():
+        assert_same(*call)
 
 
 @pytest.mark.parametrize("lights", range(4))

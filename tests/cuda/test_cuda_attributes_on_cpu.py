@@ -21,6 +21,7 @@ from attribute_cases import (
     of_any_buffer,
     of_batches,
     of_channels,
+    of_every_code,
     of_indices_out_of_range,
     of_lights,
     of_numbers,
@@ -74,7 +75,8 @@ def barycentrics(library: ctypes.CDLL, packed: torch.Tensor, positions: torch.Te
 def sample_texture(library: ctypes.CDLL, texture: torch.Tensor, uv: torch.Tensor, how: str, wrap: str) -> torch.Tensor:
     out = torch.empty(len(uv), texture.shape[2])
     sizes = numbers(*texture.shape, len(uv), ("nearest", "bilinear").index(how), ("repeat", "clamp").index(wrap))
-    assert library.sample_on_cpu(*map(pointer, (texture, uv, sizes, out))) == 0
+    bytes_of_texel = ctypes.c_int64(texture.itemsize)
+    assert library.sample_on_cpu(pointer(texture), bytes_of_texel, *map(pointer, (uv, sizes, out))) == 0
     return out
 
 
@@ -162,6 +164,10 @@ def test_indices_out_of_range_read_as_background() -> None:
 @pytest.mark.parametrize("how", FILTERS)
 def test_textures(how: str, wrap: str) -> None:
     assert_right(of_textures(how, wrap, 300))
+
+
+def test_every_code_of_a_texture() -> None:
+    assert_right(of_every_code())
 
 
 @pytest.mark.parametrize("lights", range(4))

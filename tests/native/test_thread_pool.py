@@ -20,7 +20,7 @@ COMPILER = os.environ.get("CXX") or "c++"
 FLAGS = ("-std=c++17", "-O1", "-g", "-pthread", "-Wall", "-Wextra", "-Werror")
 
 THROWING = ("throw_on_caller", "throw_on_worker", "all_throw", "throw_on_one_thread")
-ANYWHERE = ("each_index_once", *THROWING, "nested", "nested_in_the_last_body", "several_callers")
+ANYWHERE = ("each_index_once", *THROWING, "nested", "nested_in_the_last_body", "several_callers", "load")
 X86 = ("float_mode", "streaming_stores")
 FORKS = ("fork_handler_allocates_nothing", "fork_amid_first_job", "fork_while_others_work")
 SCENARIOS = {"none": (*ANYWHERE, *X86, *FORKS), "address": ANYWHERE, "thread": ANYWHERE}

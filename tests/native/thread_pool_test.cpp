@@ -190,6 +190,30 @@ void nested_in_the_last_body() {
   require_usable();
 }
 
+// Where loops are timed, one thread takes all indices, each for the thread that would be free first.
+void load() {
+  constexpr int64_t kMillisecond = 1000000;
+  bigtri::Load load;
+  std::vector<int64_t> slots;
+  const std::thread::id caller = std::this_thread::get_id();
+  const bigtri::Parallel timed{2, &load};
+  for (int loop = 0; loop < 2; ++loop)
+    timed.with_slots(4, [&](int64_t i, int64_t slot) {
+      require(std::this_thread::get_id() == caller, "one thread does all the work");
+      slots.push_back(slot);
+      const int64_t end = bigtri::thread_time() + (i == 0 ? 20 : 5) * kMillisecond;
+      while (bigtri::thread_time() < end) {
+      }
+    });
+  require(slots == std::vector<int64_t>{0, 1, 1, 1, 0, 1, 1, 1}, "the thread that is free first takes the next index");
+  require(load.all >= 70 * kMillisecond, "all work counts");
+  require(load.longest >= 40 * kMillisecond && load.longest <= load.all - 30 * kMillisecond,
+          "the longest thread of each loop counts");
+  int64_t calls = 0;
+  timed(1000, [&](int64_t) { ++calls; });
+  require(calls == 1000, "every index is called once");
+}
+
 void several_callers() {
   std::vector<std::thread> callers;
   for (int c = 0; c < 4; ++c) {
@@ -339,6 +363,7 @@ constexpr Scenario kScenarios[] = {
     {"nested", nested},
     {"nested_in_the_last_body", nested_in_the_last_body},
     {"several_callers", several_callers},
+    {"load", load},
 #if defined(__x86_64__)
     {"float_mode", float_mode},
     {"streaming_stores", streaming_stores},

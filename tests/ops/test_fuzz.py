@@ -206,6 +206,7 @@ def barycentrics(s: Source) -> Call:
 
 def sample_texture(s: Source) -> Call:
     texture, uv = s.floats(s.size(), s.size(), s.size(5)), s.floats(s.size(60), 2, spread=s.pick(1, 1e9))
+    texture = s.pick(texture, s.integers(0, 256, *texture.shape).to(s.pick(torch.uint8, torch.uint16)))
     choices = s.pick("nearest", "bilinear", "linear"), s.pick("repeat", "clamp", "")
     return (texture, uv, *choices, torch.empty(len(uv), texture.shape[2])), []
 

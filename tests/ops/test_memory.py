@@ -105,7 +105,7 @@ def test_the_limit() -> None:
 
 
 def test_every_operator_that_makes_an_image_uses_it() -> None:
-    seen = draw(depth=True, size=(800, 512))
+    seen = draw(depth=True, size=(600, 512))
     uv = bigtri.interpolate(torch.rand(3, 2), seen, POSITIONS, TRIANGLES)
     color = bigtri.sample_texture(torch.rand(4, 4, 3), uv)
     results = [bigtri.encode_srgb(torch.rand(1200, 1024)), bigtri.barycentrics(seen, POSITIONS, TRIANGLES)]
@@ -179,3 +179,11 @@ def test_memory_of_an_image_is_written_whole() -> None:
     del first
     bigtri.rasterize(POSITIONS * torch.tensor([1, 1, -1, 1]), TRIANGLES, SIZE, scissor=(5, 5, 100, 90))
     assert all(torch.equal(a, b) for a, b in zip(expected, bigtri.rasterize(POSITIONS, TRIANGLES, SIZE), strict=True))
+
+
+def test_a_large_result_is_whole_huge_pages() -> None:
+    large = draw(size=(1024, 1024)).packed
+    assert large.data_ptr() % (2 << 20) == 0 and draw(size=(400, 512)).packed.data_ptr() % 64 == 0
+    numbers = torch.arange(large.numel())
+    large.copy_(numbers.view_as(large))
+    assert torch.equal(large.view(-1), numbers)

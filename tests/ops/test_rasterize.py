@@ -61,6 +61,30 @@ def test_batch_equals_single_views(backend):
 RANGES = [(0, 40), (7, 1), (12, 0), (40, 0), (5, 30), (39, 1), (0, 12)]  # overlapping, empty, at the end
 
 
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+@pytest.mark.parametrize("width", [1024, 1001])
+@pytest.mark.parametrize("views", [1, 3])
+def test_rows_without_triangles(views, width):
+    """They are stored as one piece, the first 2^21 px of all views in another way than the rest; here and there is a triangle."""
+    height = 2200 // views
+    one = POSITIONS * np.float32([0.1, 0.1, 1, 1])
+    positions = torch.from_numpy(np.stack([one + np.float32([0, y, 0, 0]) for y in (0.7, -0.4, 0)][:views]))
+    memory = torch.empty(views * height * width + 1, dtype=torch.int64)
+    before = torch.get_num_threads()
+    drawn = []
+    try:
+        for threads, variant in ((1, "scanline"), (1, "bin_owned"), (3, "bin_owned"), (16, "bin_owned")):
+            torch.set_num_threads(threads)
+            out = memory[1:].view(views, height, width).fill_(-1)  # no row begins on a cache line
+            seen = bigtri.rasterize(positions, torch.from_numpy(TRIANGLES), (height, width), variant=variant, out=out)
+            drawn.append((seen.packed.clone(), seen.depth))
+    finally:
+        torch.set_num_threads(before)
+    assert (drawn[0][0] != 2**63 - 1).any() and (drawn[0][0] == 2**63 - 1).sum() > 0.9 * memory.numel()
+    for packed, depth in drawn[1:]:
+        assert torch.equal(packed, drawn[0][0]) and torch.equal(depth, drawn[0][1])
+
+
 @pytest.mark.parametrize("variant", ["auto", *native.VARIANTS.get("cpu", ())])
 def test_ranges_are_views_of_some_triangles(backend, variant):
     if backend == "reference" and variant != "auto":

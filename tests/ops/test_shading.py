@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import torch
 from backends import BACKENDS, needs_native
+from exhaustive import some_of
 
 from bigtri import decode_srgb, encode_srgb, lambert
-from bigtri.reference.shading import encode_thresholds
+from bigtri.reference.shading import _wide_decode_table, decode_table, encode_thresholds
 
 CODES = np.arange(256, dtype=np.uint8)
 
@@ -35,6 +36,19 @@ def test_tables_are_correctly_rounded():
     assert all(is_nearest(value, transfer(Fraction(2 * k + 1, 510))) for k, value in enumerate(encode_thresholds()))
     assert decoded[0] == 0 and decoded[255] == 1
     assert decoded.dtype == np.float32
+
+
+@pytest.mark.parametrize("codes", some_of([range(0, 65536, 97)], [range(0, 65536, 97), range(65536)]), ids=len)
+def test_the_table_of_16_bits_is_correctly_rounded(codes):
+    decoded = decode_srgb(np.arange(65536, dtype=np.uint16))
+    assert decoded.dtype == np.float32
+    assert all(is_nearest(decoded[code], transfer(Fraction(code, 65535))) for code in codes)
+    assert decoded[::257].tobytes() == decode_srgb(CODES).tobytes()
+
+
+def test_what_float64_leaves_open_is_worked_out():
+    # With so large a doubt some 90 codes are.
+    assert _wide_decode_table(2.0**-34).tobytes() == decode_table(16).tobytes()
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -125,5 +139,5 @@ def test_errors_name_the_argument():
         lambert(points, points, three.double(), points, points)
     with pytest.raises(TypeError, match="bigtri.encode_srgb: linear must be float32"):
         encode_srgb(three.half())
-    with pytest.raises(TypeError, match="bigtri.decode_srgb: encoded must be uint8"):
+    with pytest.raises(TypeError, match="bigtri.decode_srgb: encoded must be uint8 or uint16"):
         decode_srgb(three)

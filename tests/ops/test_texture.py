@@ -1,5 +1,6 @@
 """Texture lookups: texels read by hand, a scalar model of the specification, and backend against backend."""
 
+import itertools
 import math
 import re
 import warnings
@@ -10,7 +11,7 @@ import pytest
 import torch
 from backends import BACKENDS, needs_native
 
-from bigtri import sample_texture, warn
+from bigtri import decode_srgb, native, sample_texture, warn
 
 # Row 0 is on top: 10 20 above 30 40.
 FOUR = np.array([[[10], [20]], [[30], [40]]], np.float32)
@@ -112,6 +113,74 @@ def test_backends_agree_in_bits(how, wrap):
         assert one.tobytes() == two.tobytes()
 
 
+def codes(rng, dtype, *shape) -> np.ndarray:
+    return rng.integers(0, np.iinfo(dtype).max + 1, shape).astype(dtype)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("how", ["nearest", "bilinear"])
+def test_codes_are_read_as_what_they_stand_for(how, dtype):
+    rng = np.random.default_rng(2)
+    for shape in SHAPES:
+        texture, uv = codes(rng, dtype, *shape), awkward_coordinates(rng, 60)
+        for wrap in ("repeat", "clamp"):
+            result = sample_texture(texture, uv, filter=how, wrap=wrap, backend="reference")
+            decoded = sample_texture(decode_srgb(texture), uv, filter=how, wrap=wrap, backend="reference")
+            assert result.dtype == np.float32 and result.tobytes() == decoded.tobytes()
+
+
+@needs_native
+@pytest.mark.parametrize("isa", native.isa_levels() if native.available() else [])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_backends_agree_in_bits_on_codes(dtype, isa):
+    rng = np.random.default_rng(3)
+    for shape in SHAPES:
+        texture, uv = codes(rng, dtype, *shape), awkward_coordinates(rng, 500)
+        for how, wrap in itertools.product(("nearest", "bilinear"), ("repeat", "clamp")):
+            one = sample_texture(texture, uv, filter=how, wrap=wrap, backend="reference")
+            with native.using_isa(isa):
+                two = sample_texture(texture, uv, filter=how, wrap=wrap, backend="native")
+            assert one.tobytes() == two.tobytes()
+
+
+def every_code(dtype) -> tuple[np.ndarray, np.ndarray]:
+    """A square texture of all codes, in their order, and the coordinates of its texels."""
+    side = 1 << (4 * np.dtype(dtype).itemsize)
+    rows, columns = np.mgrid[:side, :side].astype(np.float32) + np.float32(0.5)
+    uv = np.stack([columns / side, 1 - rows / side], axis=-1)
+    return np.arange(side * side, dtype=dtype).reshape(side, side, 1), uv
+
+
+@needs_native
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_every_code_is_what_the_table_has(dtype):
+    texture, uv = every_code(dtype)
+    wanted = decode_srgb(texture)
+    assert sample_texture(texture, uv, filter="nearest", backend="native").tobytes() == wanted.tobytes()
+    assert sample_texture(texture, uv, backend="native").tobytes() == wanted.tobytes()  # at the centres of texels
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_same_codes_of_8_and_of_16_bits(backend):
+    texture, uv = codes(np.random.default_rng(4), np.uint8, 9, 7, 3), awkward_coordinates(np.random.default_rng(5), 200)
+    narrow, wide = (sample_texture(t, uv, backend=backend) for t in (texture, texture.astype(np.uint16) * 257))
+    assert narrow.tobytes() == wide.tobytes() and len(np.unique(narrow)) > 100
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_codes_come_as_arrays_of_any_kind(dtype, backend):
+    rng = np.random.default_rng(6)
+    texture, uv = codes(rng, dtype, 6, 8, 3), rng.random((2, 5, 4, 2), np.float32)
+    wanted = sample_texture(texture, uv, backend=backend)
+    out, read_only = np.empty((2, 5, 4, 3), np.float32), texture.copy()
+    read_only.flags.writeable = False
+    assert sample_texture(read_only, uv, backend=backend, out=out) is not None and np.array_equal(out, wanted)
+    assert np.array_equal(sample_texture(np.asfortranarray(texture), uv, backend=backend), wanted)
+    tensor = sample_texture(torch.from_numpy(texture), torch.from_numpy(uv), backend=backend)
+    assert isinstance(tensor, torch.Tensor) and np.array_equal(tensor.numpy(), wanted)
+
+
 @pytest.mark.filterwarnings("ignore:.* requires grad, but nothing")
 def test_shapes_and_kinds():
     texture = torch.rand(4, 6, 3, requires_grad=True)
@@ -145,8 +214,15 @@ def test_textures_of_few_rows_or_many_channels_are_none_of_these(shape, monkeypa
 @pytest.mark.parametrize(
     ("change", "error", "text"),
     [
-        ({"texture": FOUR[..., 0]}, ValueError, r"texture must be float32 \[Ht, Wt, C\]"),
-        ({"texture": FOUR.astype(np.uint8)}, TypeError, "texture must be float32"),
+        ({"texture": FOUR[..., 0]}, ValueError, r"texture must be float32, uint8 or uint16 \[Ht, Wt, C\], got float32 \[2, 2\]"),
+        ({"texture": FOUR.astype(np.int8)}, TypeError, "texture must be float32, uint8 or uint16 .*, got int8"),
+        ({"texture": FOUR.astype(">u2")}, TypeError, "texture must be float32, uint8 or uint16 .*, got >u2"),
+        (
+            {"texture": torch.ones(2, 2, 1, dtype=torch.int32)},
+            TypeError,
+            "texture must be float32, uint8 or uint16 .*, got int32",
+        ),
+        ({"texture": [1, 2]}, TypeError, r"texture must be a torch tensor or a NumPy array, float32, uint8 or uint16 \[Ht,"),
         ({"texture": FOUR[:0]}, ValueError, "texture must have at least one texel"),
         ({"uv": np.zeros((3, 3), np.float32)}, ValueError, "uv must have size 2"),
         ({"uv": np.zeros((3, 2))}, TypeError, "uv must be float32"),

@@ -73,6 +73,16 @@ def test_opcheck(op):
     torch.library.opcheck(getattr(torch.ops.bigtri, op), given, named, test_utils=utilities)
 
 
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.uint16])
+def test_opcheck_of_textures_of_codes(dtype):
+    texture, *others = arguments("sample_texture")
+    given, named = split("sample_texture", ((texture * 255).to(dtype), *others))
+    utilities = ("test_schema", "test_autograd_registration", "test_faketensor", "test_aot_dispatch_dynamic")
+    torch.library.opcheck(torch.ops.bigtri.sample_texture, given, named, test_utils=utilities)
+    with pytest.raises(RuntimeError, match=r"texture must be .*, float32, uint8 or uint16 \[Ht, Wt, C\], got Char \[7, 5, 3\]"):
+        call("sample_texture", ((texture * 100).to(torch.int8), *others))
+
+
 def test_the_operator_takes_one_view_or_several():
     batch = arguments("rasterize")
     tensor = torch.Tensor

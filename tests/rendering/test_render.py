@@ -13,7 +13,7 @@ from backends import BACKENDS, needs_native
 from skimage import data
 
 import bigtri
-from bigtri import Camera, Scene, encode_srgb, render
+from bigtri import Camera, Scene, decode_srgb, encode_srgb, render
 from bigtri.reference.shading import decode_table
 from bigtri.scene import Light, Material, from_trimesh, merge
 from bigtri.scene.plan import EVERYTHING, RenderPlan, plan_for
@@ -63,14 +63,30 @@ VARIED_CAMERAS = [
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_texture_that_fills_the_picture_is_the_picture(backend):
+@pytest.mark.parametrize("kind", ["linear", "8 bits", "16 bits"])
+def test_a_texture_that_fills_the_picture_is_the_picture(kind, backend):
     codes = np.random.default_rng(1).integers(0, 256, (8, 12, 3)).astype(np.uint8)
-    material = Material(texture=decode_table()[codes], filter="nearest", wrap="clamp")
+    texture = {"linear": decode_table()[codes], "8 bits": codes, "16 bits": codes.astype(np.uint16) * 257}[kind]
+    material = Material(texture=texture, filter="nearest", wrap="clamp")
+    assert material.texture is texture  # as it came, in as many bytes
     scene = quad(1.5, 1, materials=(material,), lights=(), ambient=WHITE)
     assert np.array_equal(render(scene, FRONT, (8, 12), backend=backend), codes)
     # From behind it is mirrored.
     behind = Camera((0, 0, -1), (0, 0, 0), fov_y=90)
     assert np.array_equal(render(scene, behind, (8, 12), backend=backend), codes[:, ::-1])
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_codes_draw_what_their_linear_values_draw(dtype, backend):
+    scene, rng = varied(), np.random.default_rng(2)
+    codes = rng.integers(0, np.iinfo(dtype).max + 1, (7, 9, 3)).astype(dtype)
+    pictures = []
+    for texture in (codes, decode_srgb(codes)):
+        materials = tuple(m if m.texture is None else replace(m, texture=texture) for m in scene.materials)
+        _, buffers = render(scene.with_(materials=materials), VARIED_CAMERAS, (31, 43), backend=backend, return_buffers=True)
+        pictures.append(buffers.linear)
+    assert pictures[0].tobytes() == pictures[1].tobytes()
 
 
 def test_lambert_by_hand():

@@ -8,13 +8,18 @@ import pytest
 import trimesh
 from PIL import Image
 
-from bigtri import Camera, Scene, load_scene, render
+from bigtri import Camera, ModelWarning, Scene, load_scene, render
 from bigtri.reference.shading import decode_table
-from bigtri.scene import Light, Material, from_trimesh, merge, trimesh_parts
+from bigtri.scene import Light, Material, from_trimesh, merge
+from bigtri.scene.carried import Lamp, Marks
 from bigtri.scene.normals import face_normals, is_closed, split_normals
+from bigtri.scene.readers import assemble
 
 # Red, green above blue, white: every corner of a texture is told from the others.
 CORNERS = np.array([[(255, 0, 0), (0, 255, 0)], [(0, 0, 255), (255, 255, 255)]], np.uint8)
+
+
+POINT, INDEX = np.zeros((1, 3), np.float32), np.zeros((1, 1), np.int32)
 
 
 def textured_quad() -> trimesh.Trimesh:
@@ -53,7 +58,7 @@ def test_glb_with_texture_and_transforms(tmp_path):
     assert at == {(0, 0): (-1, -1, 0), (1, 0): (1, -1, 0), (1, 1): (1, 1, 0), (0, 1): (-1, 1, 0)}
     material = loaded.materials[loaded.material[0]]
     assert material.texture.shape == (2, 2, 3) and material.two_sided
-    assert np.array_equal(material.texture, decode_table()[CORNERS])
+    assert material.texture.dtype == np.uint8 and np.array_equal(material.texture, CORNERS)
     np.testing.assert_allclose(material.base_color, (1, 128 / 255, 1))
     # A mirrored node still shows its front.
     np.testing.assert_allclose(face_normals(loaded.positions, loaded.triangles), [(0, 0, 1)] * 4)
@@ -88,13 +93,17 @@ f 1/1 3/3 4/4
 
 def test_obj_with_materials(tmp_path):
     (tmp_path / "two.obj").write_text(OBJ)
-    with pytest.warns(UserWarning, match="refers to colors.mtl, which is not beside it"):
+    with pytest.warns(ModelWarning) as warned:
         load_scene(tmp_path / "two.obj")
+    assert [str(one.message).partition("two.obj: ")[2] for one in warned] == [
+        "the material library colors.mtl is not there: it is drawn without",
+        "the material painted is in no material library: it is drawn grey (2 times)",
+    ]
     (tmp_path / "colors.mtl").write_text("newmtl painted\nKd 1 1 1\nmap_Kd paint.png\nnewmtl plain\nKd 0 0.5 1\n")
     Image.fromarray(CORNERS).save(tmp_path / "paint.png")
     loaded = load_scene(tmp_path / "two.obj")
     painted, plain = sorted((loaded.materials[m] for m in loaded.material), key=lambda material: material.texture is None)
-    assert np.array_equal(painted.texture, decode_table()[CORNERS]) and plain.texture is None
+    assert np.array_equal(painted.texture, CORNERS) and plain.texture is None
     np.testing.assert_allclose(plain.base_color, decode_table()[[0, 127, 255]], atol=0.005)  # Kd is sRGB
 
 
@@ -123,7 +132,7 @@ def test_files_that_cannot_be_drawn(tmp_path):
     with pytest.raises(ValueError, match="path must end in .glb, .*got picture.png: convert it"):
         load_scene(tmp_path / "picture.png")
     (tmp_path / "broken.glb").write_bytes(b"not a model")
-    with pytest.raises(ValueError, match="cannot be read as glb"):
+    with pytest.raises(ValueError, match=r'broken.glb: the file must begin with "glTF", .* got b\'not a mo\''):
         load_scene(tmp_path / "broken.glb")
     trimesh.PointCloud(np.zeros((4, 3))).export(tmp_path / "points.ply")
     with pytest.raises(ValueError, match="no triangles in it"):
@@ -189,6 +198,19 @@ def test_merge():
         merge([])
 
 
+def test_merge_keeps_what_is_carried():
+    triangle = Scene(np.zeros((3, 3), np.float32), np.array([(0, 1, 2)], np.int32), cameras=[Camera((0, 0, 1), (0, 0, 0))])
+    point = Marks(np.ones((1, 3), np.float32), np.zeros((1, 1), np.int32))
+    far = Scene(
+        np.eye(3, dtype=np.float32), np.array([(0, 1, 2)], np.int32), origin=(4096, 0, 0), marks=[point], lamps=[Lamp("point")]
+    )
+    both = merge([triangle, far])
+    assert both.cameras == triangle.cameras and both.lamps == far.lamps
+    (moved,) = both.marks
+    assert (moved.positions + np.array(both.origin)).tolist() == [[4097, 1, 1]]
+    assert merge([far, far]).marks == (point, point)
+
+
 def test_from_trimesh_takes_a_mesh():
     scene = from_trimesh(trimesh.creation.torus(2, 1))
     assert scene.normals is not None and not scene.materials[0].two_sided
@@ -212,6 +234,7 @@ def test_from_trimesh_takes_a_mesh():
         ),
         ({"normals": np.zeros((2, 3), np.float32)}, ValueError, r"normals must be float32 \[3, 3\]"),
         ({"material": np.array([1], np.int32)}, ValueError, "material must index the 1 materials"),
+        ({"marks": [1]}, TypeError, "marks must be a sequence of Marks, got 1 in it"),
         ({"cull": "both"}, ValueError, "cull must be one of"),
         ({"cull": None}, TypeError, "cull must be one of"),
         ({"positions": None}, TypeError, r"positions must be a NumPy array float32 \[V, 3\], got NoneType"),
@@ -243,13 +266,36 @@ def test_scene_errors(change, error, text):
         (lambda: Material(base_color=(1, 1, np.inf)), ValueError, "Material: base_color must be three finite numbers"),
         (lambda: Material(smooth=None), TypeError, "Material: smooth must be True or False"),
         (lambda: Material(name=1), TypeError, "Material: name must be text"),
-        (lambda: Material(texture=np.zeros((2, 2, 3), np.uint8)), TypeError, "Material: texture must be a NumPy array float32"),
+        (
+            lambda: Material(texture=np.zeros((2, 2, 3), np.int16)),
+            TypeError,
+            r"Material: texture must be a NumPy array float32, uint8 or uint16 \[Ht, Wt, 3\], got int16 \[2, 2, 3\]",
+        ),
+        (
+            lambda: Material(texture=np.zeros((2, 2, 4), np.uint8)),
+            ValueError,
+            r"Material: texture must be float32, uint8 or uint16 \[Ht",
+        ),
         (lambda: Material(texture=np.zeros((0, 2, 3), np.float32)), ValueError, "Material: texture must have at least one texel"),
         (
             lambda: Material(texture=np.zeros((3, 8, 9), np.float32)),
             ValueError,
             r"Material: texture must be .* got \[3, 8, 9\], which looks like \[C, Ht, Wt\]: pass texture.transpose",
         ),
+        (lambda: Material(alpha_mode="glass"), ValueError, "Material: alpha_mode must be one of 'opaque', 'mask', 'blend'"),
+        (lambda: Material(alpha=None), TypeError, "Material: alpha must be a finite number"),
+        (lambda: Material(emissive=1), TypeError, "Material: emissive must be three finite numbers"),
+        (lambda: Material(unlit=1), TypeError, "Material: unlit must be True or False"),
+        (
+            lambda: Marks(np.zeros((1, 2), np.float32), INDEX),
+            ValueError,
+            r"Marks: positions must be float32 \[V, 3\], got \[1, 2\]",
+        ),
+        (lambda: Marks(POINT, INDEX + 1), ValueError, "Marks: indices must index the 1 positions, got indices from 1 to 1"),
+        (lambda: Marks(POINT, np.zeros((1, 3), np.int32)), ValueError, r"Marks: indices must be int32 \[N, 1\] or \[N, 2\], got"),
+        (lambda: Marks(POINT, INDEX, POINT[:0]), ValueError, r"Marks: colors must be float32 \[1, 3\], got \[0, 3\]"),
+        (lambda: Lamp("sun"), ValueError, "Lamp: kind must be one of 'directional', 'point', 'spot'"),
+        (lambda: Lamp("spot", cone=(0, np.nan)), ValueError, "Lamp: cone must be a finite number"),
         (lambda: merge([1]), TypeError, "merge: scenes must hold Scene alone, got int"),
         (lambda: from_trimesh(1), TypeError, "from_trimesh: loaded must be a trimesh.Scene or trimesh.Trimesh"),
         (lambda: load_scene(None), TypeError, "load_scene: path must be a path"),
@@ -307,13 +353,13 @@ def test_an_index_out_of_range_in_a_glb(tmp_path):
     start = 20 + length + 8 + head["bufferViews"][indices["bufferView"]].get("byteOffset", 0)
     data[start : start + 4] = (9999).to_bytes(4, "little")
     (tmp_path / "bad.glb").write_bytes(data)
-    with pytest.raises(ValueError, match="bigtri.load_scene: .*faces must index the 8 vertices, got indices from 0 to 9999"):
+    with pytest.raises(ValueError, match="bigtri.load_scene: .*indices must index the 8 vertices, got indices from 0 to 9999"):
         load_scene(tmp_path / "bad.glb")
 
 
 def test_vertices_of_two_coordinates_in_an_obj(tmp_path):
     (tmp_path / "flat.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
-    with pytest.raises(ValueError, match=r"bigtri.load_scene: .*vertices must be \[V, 3\], got \[3, 2\]"):
+    with pytest.raises(ValueError, match=r"bigtri.load_scene: .*flat.obj: line 1: v must have 3 numbers or more, got '0 0'"):
         load_scene(tmp_path / "flat.obj")
 
 
@@ -326,33 +372,26 @@ def test_vertices_of_two_coordinates_in_an_obj(tmp_path):
         (trimesh.visual.ColorVisuals, "kind"),
     ],
 )
-def test_whatever_trimesh_raises_is_a_value_error(tmp_path, monkeypatch, owner, name):
+def test_whatever_trimesh_raises_is_a_value_error(monkeypatch, owner, name):
     """Also when it is asked for what it has not worked out yet."""
 
     def fail(_):
         raise KeyError("accessors")
 
-    trimesh.creation.box().export(tmp_path / "box.ply")
-    load_with_trimesh = trimesh.load_scene
-
-    def load_and_break(*arguments, **options):
-        loaded = load_with_trimesh(*arguments, **options)
-        monkeypatch.setattr(owner, name, property(fail))
-        return loaded
-
-    monkeypatch.setattr(trimesh, "load_scene", load_and_break)
-    with pytest.raises(ValueError, match="bigtri.load_scene: .*box.ply: KeyError: 'accessors'"):
-        load_scene(tmp_path / "box.ply")
+    created = trimesh.Scene(trimesh.creation.box())
+    monkeypatch.setattr(owner, name, property(fail))
+    with pytest.raises(ValueError, match="bigtri.from_trimesh: KeyError: 'accessors'"):
+        from_trimesh(created)
 
 
-@pytest.mark.parametrize("function", ["split_normals", "is_closed", "affine", "Scene"])
+@pytest.mark.parametrize("function", ["split_normals", "is_closed", "placed_from", "Scene"])
 @pytest.mark.parametrize("error", [KeyError("bug"), ValueError("bug")])
 def test_faults_of_our_own_are_not_blamed_on_the_file(tmp_path, monkeypatch, function, error):
     def fail(*_, **__):
         raise error
 
     trimesh.creation.box().export(tmp_path / "box.ply")
-    monkeypatch.setattr(trimesh_parts, function, fail)
+    monkeypatch.setattr(assemble, function, fail)
     for read in (lambda: load_scene(tmp_path / "box.ply"), lambda: from_trimesh(trimesh.creation.box())):
         with pytest.raises(type(error)) as raised:
             read()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from bigtri import native
 from bigtri.reference.numerics import BACKGROUND
@@ -23,6 +24,21 @@ def test_clock_counts_only_what_is_warm() -> None:
 
 def test_clock_stops_at_most() -> None:
     assert len(clock.clock(lambda: None, seconds=60, at_most=20)) == 20
+
+
+@needs_extension
+def test_thread_load_draws_the_same_and_ends() -> None:
+    """One thread has all the work; sixteen share it, and the picture and later calls are the usual ones."""
+    job = benchmark.Job("R4k", 256, 256, scenes.make("R4k", 256, 256))
+    job.draw()
+    expected = job.packed.clone()
+    one, many = clock.thread_load(job.draw, 1, calls=1), clock.thread_load(job.draw, 16, calls=3)
+    assert torch.equal(job.packed, expected)
+    assert one.longest == one.mean > 0 and 0 < many.mean <= many.longest <= 16 * many.mean
+    job.draw()
+    assert tuple(torch.ops.bigtri.thread_load(0)) == (0, 0) and torch.equal(job.packed, expected)
+    with pytest.raises(RuntimeError, match="threads must be 0 to 1024, got -1"):
+        torch.ops.bigtri.thread_load(-1)
 
 
 def test_summary() -> None:

@@ -444,7 +444,7 @@ def test_some_views_of_a_batch_are_checked(kinds: tuple[str, ...]) -> None:
 
 def variant(name: str, **parameters: tuple[int, int]) -> native.Variant:
     """As a registry has it; parameters: lowest and highest value."""
-    only = {"warps": (0, 4, 8, 16), "share": (0, 4, 8, 16, 32, 256, 2048)}
+    only = {"warps": (0, 4, 8, 16), "share": (0, 4, 8, 16, 32, 128, 256, 1024)}
     known = {p: native.Parameter(p, "", "", low, low, high, only.get(p, ())) for p, (low, high) in parameters.items()}
     return native.Variant(name, "", known)
 
@@ -452,8 +452,8 @@ def variant(name: str, **parameters: tuple[int, int]) -> native.Variant:
 TODAY = {
     v.name: v
     for v in (
-        variant("bin_owned", few=(0, 65536), warps=(0, 16), widest=(0, 256), share=(0, 2048)),
-        variant("two_stage", widest=(0, 256), share=(0, 2048)),
+        variant("bin_owned", few=(0, 65536), warps=(0, 16), widest=(0, 256), share=(0, 1024)),
+        variant("two_stage", widest=(0, 256), share=(0, 1024)),
         variant("persistent"),
     )
 }
@@ -471,7 +471,7 @@ def test_settings_are_those_of_the_registry(capsys: pytest.CaptureFixture[str]) 
     for text, message in (
         ("other:few=1", "variants are bin_owned, two_stage, persistent"),
         ("bin_owned:warps=5", "warps must be 0, 4, 8, 16, got 5"),
-        ("bin_owned:share=64", "share must be 0, 4, 8, 16, 32, 256, 2048, got 64"),
+        ("bin_owned:share=64", "share must be 0, 4, 8, 16, 32, 128, 256, 1024, got 64"),
         ("persistent:few=0", "parameters of persistent are none, got few"),
     ):
         assert cuda_cases.ways([cuda_cases.way(text)], TODAY) == []
@@ -577,7 +577,7 @@ def test_best_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
 
 def test_ways() -> None:
     todo = cuda_scaling.ways(TODAY)
-    paths = ["bin_owned few", "bin_owned rows", "bin_owned share 32", "bin_owned share 256", "bin_owned share 2048"]
+    paths = [f"bin_owned {path}" for path in ("few", "rows", "share 32", "share 128", "share 256", "share 1024")]
     assert [way.name for way in todo] == [*TODAY, *paths, "auto"]
 
     def on(curve: str) -> list[str]:

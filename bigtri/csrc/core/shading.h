@@ -1,5 +1,5 @@
-// Lambert shading and sRGB encoding of a pixel, in float32; docs/numerics.md 11. The last stage: it follows attributes
-// and textures. Mirrors bigtri/reference/shading.py.
+// Lambert shading and sRGB encoding of a pixel, in float32, the last stage, which follows attributes and textures; and
+// what a texture's sRGB codes stand for. docs/numerics.md 11. Mirrors bigtri/reference/shading.py.
 #pragma once
 
 #include "platform.h"
@@ -29,6 +29,23 @@ BIGTRI_HD void lambert(const float normal[3], const float albedo[3], const float
     for (int i = 0; i < 3; ++i) c[i] = c[i] + colors[3 * l + i] * cosine;
   }
   for (int i = 0; i < 3; ++i) out[i] = albedo[i] * c[i];
+}
+
+// The linear value of a 16-bit sRGB code, correctly rounded: a test compares all 65536. 257 * c is the 8-bit code c.
+BIGTRI_HD float decode_srgb(int code) {
+  const double encoded = code / 65535.0;
+  if (encoded <= 0.04045) return (float)(encoded / 12.92);
+  // base^(12/5) is (base * r)^3 with r = base^(-1/5). base lies in [0.09, 1], where the polynomial is within 3.4 % of r.
+  // Each step of Newton's method makes an error e to 3 * e^2, so that after four only float64's own rounding is left:
+  // no value of a code lies so near the middle of two floats that it could decide which is the nearest.
+  const double base = (encoded + 0.055) / 1.055;
+  double r = (0.92 * base - 1.59) * base + 1.7;
+  for (int step = 0; step < 4; ++step) {
+    const double square = r * r;
+    r = r * (1.2 - 0.2 * base * (square * square * r));
+  }
+  const double root = base * r;
+  return (float)(root * root * root);
 }
 
 // The sRGB byte of a linear value: the number of thresholds ([255], ascending) that are <= v. The count goes on from

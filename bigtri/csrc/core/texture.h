@@ -1,8 +1,9 @@
 // Texture sampling in float32; docs/numerics.md 10. It runs per pixel, on uv coordinates that the attribute pass
-// interpolated. Mirrors bigtri/reference/texture.py.
+// interpolated. A texture holds linear values, or sRGB codes that are decoded when they are fetched. Mirrors
+// bigtri/reference/texture.py.
 #pragma once
 
-#include "platform.h"
+#include "shading.h"
 
 namespace bigtri {
 
@@ -34,8 +35,25 @@ BIGTRI_HD int wrap_texel(int i, int size, Wrap wrap) {
   return r < 0 ? r + size : r;
 }
 
-// texture: [height, width, channels], row 0 on top. u, v: (0, 0) at the lower left. out: [channels].
-BIGTRI_HD void sample(const float* texture, int height, int width, int64_t channels, float u, float v, Filter filter,
+// Texels that are sRGB codes, with a table of what they stand for.
+template <class Code>
+struct CodedTexels {
+  const Code* codes;
+  const float* decoded;  // [256] or [65536]
+};
+
+// Value i of a texture, a channel of a texel, as linear light.
+BIGTRI_HD float linear_at(const float* texture, int64_t i) { return texture[i]; }
+BIGTRI_HD float linear_at(const uint16_t* texture, int64_t i) { return decode_srgb(texture[i]); }
+template <class Code>
+BIGTRI_HD float linear_at(const CodedTexels<Code>& texture, int64_t i) {
+  return texture.decoded[texture.codes[i]];
+}
+
+// texture: what linear_at takes, [height, width, channels], row 0 on top. u, v: (0, 0) at the lower left. out:
+// [channels].
+template <class Texture>
+BIGTRI_HD void sample(Texture texture, int height, int width, int64_t channels, float u, float v, Filter filter,
                       Wrap wrap, float* out) {
   if (!(is_finite(u) && is_finite(v))) u = v = 0.0f;
   u = wrap_coordinate(u, wrap);
@@ -43,18 +61,20 @@ BIGTRI_HD void sample(const float* texture, int height, int width, int64_t chann
   if (filter == Filter::kNearest) {
     const int x = min_of((int)floor_small(u * (float)width), width - 1),
               y = min_of((int)floor_small((1.0f - v) * (float)height), height - 1);
-    const float* texel = texture + ((int64_t)y * width + x) * channels;
-    for (int64_t c = 0; c < channels; ++c) out[c] = texel[c];
+    const int64_t texel = ((int64_t)y * width + x) * channels;
+    for (int64_t c = 0; c < channels; ++c) out[c] = linear_at(texture, texel + c);
     return;
   }
   const float x = u * (float)width - 0.5f, y = (1.0f - v) * (float)height - 0.5f;
   const float fx = floor_small(x), fy = floor_small(y), tx = x - fx, ty = y - fy;
   const int64_t x0 = wrap_texel((int)fx, width, wrap), x1 = wrap_texel((int)fx + 1, width, wrap);
   const int64_t y0 = wrap_texel((int)fy, height, wrap), y1 = wrap_texel((int)fy + 1, height, wrap);
-  const float *c00 = texture + (y0 * width + x0) * channels, *c10 = texture + (y0 * width + x1) * channels;
-  const float *c01 = texture + (y1 * width + x0) * channels, *c11 = texture + (y1 * width + x1) * channels;
+  const int64_t i00 = (y0 * width + x0) * channels, i10 = (y0 * width + x1) * channels;
+  const int64_t i01 = (y1 * width + x0) * channels, i11 = (y1 * width + x1) * channels;
   for (int64_t c = 0; c < channels; ++c) {
-    const float top = c00[c] + (c10[c] - c00[c]) * tx, bottom = c01[c] + (c11[c] - c01[c]) * tx;
+    const float c00 = linear_at(texture, i00 + c), c10 = linear_at(texture, i10 + c);
+    const float c01 = linear_at(texture, i01 + c), c11 = linear_at(texture, i11 + c);
+    const float top = c00 + (c10 - c00) * tx, bottom = c01 + (c11 - c01) * tx;
     out[c] = top + (bottom - top) * ty;
   }
 }

@@ -160,7 +160,8 @@ void stage_interpolate_row(const AttributeJob& job, int64_t view, int64_t y, Par
   }
 }
 
-void stage_sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count,
+template <class Texture>
+void stage_sample(Texture texture, int height, int width, int64_t channels, const float* uv, int64_t count,
                   Filter filter, Wrap wrap, float* out) {
   for (int64_t i = 0; i < count; ++i)
     sample(texture, height, width, channels, uv[2 * i], uv[2 * i + 1], filter, wrap, out + channels * i);

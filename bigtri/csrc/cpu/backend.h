@@ -113,8 +113,10 @@ extern const CpuRung kCpuRungs[];
 
 // --- Textures and shading, the same for every rung
 
-void sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count,
-            Filter filter, Wrap wrap, float* out, const Parallel& parallel);
+// Code: float for linear light, uint8_t or uint16_t for sRGB codes.
+template <class Code>
+void sample(const Code* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter,
+            Wrap wrap, float* out, const Parallel& parallel);
 void lambert(const float* normals, const float* albedo, const float* ambient, const float* directions,
              const float* colors, int64_t lights, int64_t count, float* out, const Parallel& parallel);
 void encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out, const Parallel& parallel);

@@ -77,8 +77,15 @@ BIGTRI_INLINE void fill(T* to, int n, T value, bool streams) {
   for (; i < n; ++i) to[i] = value;
 }
 
-// A patch without triangles, of one bin or of several side by side.
+// A patch without triangles, of one bin or of several side by side. Rows of the whole image follow each other in memory:
+// that is one long run of stores, of which the processor knows by itself that it need not read what it overwrites.
 void store_background(const RasterJob& job, const Patch& p) {
+  if (p.width == job.view.width) {
+    const bool streams = p.at >= job.rows_in_cache;
+    fill(job.packed + p.at, p.width * p.height, kBackground, streams);
+    if (job.depth) fill(job.depth + p.at, p.width * p.height, depth_of(kBackground), streams);
+    return;
+  }
   for (int j = 0; j < p.height; ++j) {
     const int64_t at = p.at + (int64_t)j * job.view.width;
     fill(job.packed + at, p.width, kBackground, job.streams_packed);

@@ -7,6 +7,7 @@
 #include "../core/record.h"
 #include "../core/scanline.h"
 #include "../core/shading.h"
+#include "../core/texture.h"
 #include "../core/tile_mask.h"
 #include "backend.h"
 #include "bin_owned.h"
@@ -15,11 +16,16 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
+template <class Texture>
+using SampleKernel = void (*)(Texture texture, int height, int width, int64_t channels, const float* uv, int64_t count,
+                              Filter filter, Wrap wrap, float* out);
+
 // A row of the attribute pass, and the image operators over `count` elements. scratch need not be initialised.
 struct AttributeKernels {
   void (*interpolate_row)(const AttributeJob& job, int64_t view, int64_t row, Parent* scratch);
-  void (*sample)(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count,
-                 Filter filter, Wrap wrap, float* out);
+  SampleKernel<const float*> sample;
+  SampleKernel<CodedTexels<uint8_t>> sample_codes8;
+  SampleKernel<CodedTexels<uint16_t>> sample_codes16;
   void (*lambert)(const float* normals, const float* albedo, const float* ambient, const float* directions,
                   const float* colors, int64_t lights, int64_t count, float* out);
   void (*encode_srgb)(const float* linear, const float* thresholds, int64_t count, uint8_t* out);

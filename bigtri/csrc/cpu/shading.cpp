@@ -3,6 +3,7 @@
 // default rung alone. Their kernels are part of every rung's table, unused in the others.
 
 #include <algorithm>
+#include <array>
 
 #include "kernels.h"
 
@@ -15,15 +16,43 @@ void in_blocks(const Parallel& parallel, int64_t count, int64_t step, const Body
   parallel((count + step - 1) / step, [&](int64_t i) { body(i * step, std::min(count, (i + 1) * step)); });
 }
 
+// What all codes of a type stand for, made when the first texture of such codes comes.
+template <class Code>
+const float* decoded() {
+  constexpr int kLast = (Code)-1, kStep = 65535 / kLast;
+  static const std::array<float, kLast + 1> table = [] {
+    const FloatMode mode;
+    std::array<float, kLast + 1> values;
+    for (int code = 0; code <= kLast; ++code) values[code] = decode_srgb(kStep * code);
+    return values;
+  }();
+  return table.data();
+}
+
+// A texture as its kernel takes it, and that kernel.
+const float* texels_of(const float* texture) { return texture; }
+template <class Code>
+CodedTexels<Code> texels_of(const Code* texture) {
+  return {texture, decoded<Code>()};
+}
+auto kernel_for(const float*) { return current_kernels().attributes.sample; }
+auto kernel_for(const uint8_t*) { return current_kernels().attributes.sample_codes8; }
+auto kernel_for(const uint16_t*) { return current_kernels().attributes.sample_codes16; }
+
 }  // namespace
 
-void sample(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count,
-            Filter filter, Wrap wrap, float* out, const Parallel& parallel) {
+template <class Code>
+void sample(const Code* texture, int height, int width, int64_t channels, const float* uv, int64_t count, Filter filter,
+            Wrap wrap, float* out, const Parallel& parallel) {
+  const auto texels = texels_of(texture);
   in_blocks(parallel, count, 16384, [&](int64_t begin, int64_t end) {
-    current_kernels().attributes.sample(texture, height, width, channels, uv + 2 * begin, end - begin, filter, wrap,
-                                        out + channels * begin);
+    kernel_for(texture)(texels, height, width, channels, uv + 2 * begin, end - begin, filter, wrap,
+                        out + channels * begin);
   });
 }
+template void sample(const float*, int, int, int64_t, const float*, int64_t, Filter, Wrap, float*, const Parallel&);
+template void sample(const uint8_t*, int, int, int64_t, const float*, int64_t, Filter, Wrap, float*, const Parallel&);
+template void sample(const uint16_t*, int, int, int64_t, const float*, int64_t, Filter, Wrap, float*, const Parallel&);
 
 void lambert(const float* normals, const float* albedo, const float* ambient, const float* directions,
              const float* colors, int64_t lights, int64_t count, float* out, const Parallel& parallel) {

@@ -17,19 +17,22 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr int64_t kMostKept = 1 << 16;
+constexpr int64_t kFew = 256, kMostKept = 1 << 16;
 constexpr int64_t kWarpsAllowed[] = {0, 4, 8, kMostWarps, -1};
-#define BIGTRI_LIST(X)                                                                                                 \
-  X(few, "triangles", "up to so many, and 16 for each warp of a block, every block sets up all of them by itself",     \
-    256, 0, kMostKept)                                                                                                 \
-  X(warps, "warps", "of a block that owns a patch of 64 px by 4 px a warp; 0: 16 for 129 to few triangles, else 8", 0, \
-    0, kMostWarps, kWarpsAllowed)                                                                                      \
-  BIGTRI_BLOCKS_PARAMETER(X)                                                                                           \
-  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,              \
-    kMostEntries)                                                                                                      \
-  BIGTRI_QUEUE_PARAMETER(X)                                                                                            \
-  BIGTRI_WIDEST_PARAMETER(X)                                                                                           \
-  BIGTRI_SHARE_PARAMETER(X)                                                                                            \
+#define BIGTRI_LIST(X)                                                                                              \
+  X(few, "triangles",                                                                                               \
+    "up to so many, and 16 for each warp of a block, every block sets up all of them by itself; up to 256 only in " \
+    "an image of 3000 px for each",                                                                                 \
+    kFew, 0, kMostKept)                                                                                             \
+  X(warps, "warps",                                                                                                 \
+    "of a block that owns a patch of 64 px by 4 px a warp; 0: 16 for 129 and more that are few, else 8", 0, 0,      \
+    kMostWarps, kWarpsAllowed)                                                                                      \
+  BIGTRI_BLOCKS_PARAMETER(X)                                                                                        \
+  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,           \
+    kMostEntries)                                                                                                   \
+  BIGTRI_QUEUE_PARAMETER(X)                                                                                         \
+  BIGTRI_WIDEST_PARAMETER(X)                                                                                        \
+  BIGTRI_SHARE_PARAMETER(X)                                                                                         \
   X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
@@ -180,7 +183,7 @@ struct Rows {
 Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
   Rows r;
   r.waiting = take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles));
-  r.projected = take_projected(scratch, f, v.share > kShareThreads);
+  r.projected = take_projected(scratch, f, way_of(v.share) == Way::kTested);
   r.ranges = f.ranges ? scratch->take<ViewRange>(f.views) : nullptr;
   return r;
 }
@@ -213,9 +216,9 @@ __device__ __noinline__ void wait_or_draw(const Frame& f, const Waiting& w, int3
 }
 
 template <Way kWay>
-__global__ void __launch_bounds__(kShareThreads, kShareBlocks)
+__global__ void __launch_bounds__(block_threads(kWay), blocks_held(kWay))
     draw_by_rows(const __grid_constant__ Frame f, const __grid_constant__ Rows r) {
-  __shared__ ShareShared shared;
+  __shared__ ShareShared<kWay> shared;
   let_next_begin();
   draw_share<kWay>(f, r.sharing, r.projected, r.widest, &shared, [&](int32_t view, const Record* records, int count) {
     wait_or_draw(f, r.waiting, view, records, count);
@@ -232,9 +235,9 @@ __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps)
   let_next_begin();
   const uint64_t count = *w.count();
   if (count > 0) {
-    if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.wide_count(), true);
+    if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.common_count(), true);
     __syncthreads();
-    draw_patches<kWarps>(f, ListedCandidates(w, count > w.wide_below), room);
+    draw_patches<kWarps>(f, ListedCandidates(w, count > w.common_below), room);
   }
   draw_slivers(
       f, w.slivers, (int)min_of<uint64_t>(*w.sliver_count(), w.room), w.bands, [](int) { return true; }, &shared);
@@ -247,12 +250,13 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   BIGTRI_CUDA(sliver_bands(f, v.cache, &r.waiting.bands));
   int64_t blocks;
   BIGTRI_CUDA(
-      share_triangles(draw_by_rows<Way::kTogether>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
-  if (r.sharing.way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
+      share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
+  const Way way = way_of(r.sharing.each);
+  if (way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
-  r.widest = widest_rows(f, r.sharing, v.widest);
-  BIGTRI_CUDA(with_way(r.sharing.way, [&](auto way) {
-    return launch_next(draw_by_rows<way.value>, blocks, kShareThreads, 0, stream, f, r);
+  r.widest = widest_rows(f, way, v.widest);
+  BIGTRI_CUDA(with_way(way, [&](auto of) {
+    return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);
   }));
   int for_patches;
   BIGTRI_CUDA(blocks_for(draw_waiting<kWarps>, kWarps * kWarp, sizeof(PatchShared<kWarps>),
@@ -264,13 +268,16 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
 
 // ---
 
-// The rows' blocks merge what waits, which is mostly slivers and few large triangles: small blocks share it better.
-int warps_of(const Frame& f, const Values& v) {
-  return v.warps > 0 ? (int)v.warps : f.count > 128 && f.count <= v.few ? 16 : 8;
+// Where triangles are few and the image is small, most of its patches are empty, and rows are sooner done.
+constexpr double kPixelsOfFew = 3000;  // of the image for each triangle
+bool are_few(const Frame& f, const Values& v) {
+  return f.views == 1 && !f.ranges && f.count <= min_of<int64_t>(v.few, most_few(v.warps > 0 ? (int)v.warps : 16)) &&
+         (v.few > kFew || pixels_each(f) >= kPixelsOfFew);
 }
 
-bool are_few(const Frame& f, const Values& v) {
-  return f.views == 1 && !f.ranges && f.count <= min_of<int64_t>(v.few, most_few(warps_of(f, v)));
+// The rows' blocks merge what waits, which is mostly slivers and few large triangles: small blocks share it better.
+int warps_of(const Frame& f, const Values& v) {
+  return v.warps > 0 ? (int)v.warps : are_few(f, v) && f.count > most_few(8) ? 16 : 8;
 }
 
 template <int kWarps>

@@ -135,6 +135,13 @@ __device__ __noinline__ float thin_depth(const Record* r, int x, int y) {
   return finish_depth(depth_at(r->x, r->y, r->z, r->area, x, y), r->zmin, r->zmax);
 }
 
+// 1 / v, off by 2^-23 of it at most; infinite for 0.
+__device__ __forceinline__ float near_inverse(float v) {
+  float inverse;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(v));
+  return inverse;
+}
+
 // 64 bits at once.
 __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, bool read_first) {
   if (read_first && __ldcg(pixel) <= packed) return;

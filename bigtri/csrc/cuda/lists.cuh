@@ -18,17 +18,17 @@ struct Waiting {
   uint32_t room;  // of either
   // How many records have been put into each bin's list, or were to be; in front of bin 0 the other counts.
   uint32_t* sizes;
-  uint32_t* slots;  // of the records in the lists, `listed` of each bin
-  ViewBox* wide_boxes;  // of the records that all look at
-  uint32_t* wide_slots;
+  uint32_t* slots;  // of the records in the lists, `list_room` of each bin
+  ViewBox* common_boxes;  // of the records that all look at
+  uint32_t* common_slots;
   int columns, bins;  // of a view
-  int listed;
-  int wide_above;  // a record with more bins in its bbox is looked at by all
-  uint32_t wide_below;  // so are records in slots below
+  int list_room;  // slots of a bin
+  int common_above;  // a record with more bins in its bbox is looked at by all
+  uint32_t common_below;  // so are records in slots below
   int bands;  // in which slivers are drawn
 
   __device__ uint64_t* count() const { return counts(); }  // of records, or of those that were to be put there
-  __device__ uint64_t* wide_count() const { return counts() + 1; }
+  __device__ uint64_t* common_count() const { return counts() + 1; }
   __device__ uint64_t* sliver_count() const { return counts() + 2; }
   __device__ uint64_t* counts() const { return reinterpret_cast<uint64_t*>(sizes - kCounts); }
   static constexpr int kCounts = 6;  // words
@@ -46,17 +46,17 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t ro
   // In proportion to the queue, so that it changes both; by default 1024, and fewer where images are so large that all
   // lists together would take too much.
   const int64_t bins = (int64_t)w.bins * f.views;
-  w.listed = (int)max_of<int64_t>(1, min_of<int64_t>(queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / bins));
-  w.wide_above = max_of(64, w.bins / 64);  // an atomic for each bin, against a look for each bin of the image
+  w.list_room = (int)max_of<int64_t>(1, min_of<int64_t>(queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / bins));
+  w.common_above = max_of(64, w.bins / 64);  // an atomic for each bin, against a look for each bin of the image
   w.records = scratch->take<Record>(room);
   w.slivers = scratch->take<Record>(room);
   // Few large triangles among many small ones: their records are at hand sooner than lists would be.
-  w.wide_below = 64;
+  w.common_below = 64;
   w.bands = 1;
   w.sizes = scratch->take<uint32_t>(bins + Waiting::kCounts) + Waiting::kCounts;
-  w.slots = scratch->take<uint32_t>(bins * w.listed);
-  w.wide_boxes = scratch->take<ViewBox>(room);
-  w.wide_slots = scratch->take<uint32_t>(room);
+  w.slots = scratch->take<uint32_t>(bins * w.list_room);
+  w.common_boxes = scratch->take<ViewBox>(room);
+  w.common_slots = scratch->take<uint32_t>(room);
   return w;
 }
 
@@ -67,7 +67,7 @@ __device__ __forceinline__ void put_into_lists(const Waiting& w, const Record* r
                                                uint32_t slot) {
   constexpr int kTeam = kWarp / 2;
   const bool have = which >> lane_id() & 1;
-  bool wide = have && (bin_box(records[have ? lane_id() : 0]).count > w.wide_above || slot < w.wide_below);
+  bool wide = have && (bin_box(records[have ? lane_id() : 0]).count > w.common_above || slot < w.common_below);
   for (unsigned todo = __ballot_sync(kAllLanes, have && !wide); todo;) {
     const unsigned others = todo & (todo - 1), mine = lane_id() < kTeam ? todo : others;
     const int its_lane = max_of(__ffs(mine) - 1, 0);
@@ -82,8 +82,8 @@ __device__ __forceinline__ void put_into_lists(const Waiting& w, const Record* r
       if (rejected) continue;
       const int64_t bin = w.bin(view, bin_x, bin_y);
       const uint32_t at = atomicAdd(&w.sizes[bin], 1u);
-      if (at < (uint32_t)w.listed)
-        w.slots[bin * w.listed + at] = its_slot;
+      if (at < (uint32_t)w.list_room)
+        w.slots[bin * w.list_room + at] = its_slot;
       else
         full = true;
     }
@@ -93,9 +93,9 @@ __device__ __forceinline__ void put_into_lists(const Waiting& w, const Record* r
     todo = others & (others - 1);
   }
   if (wide) {
-    const uint32_t at = claim(w.wide_count(), w.room, 1);
-    w.wide_boxes[at] = {box_of(records[lane_id()]), view};
-    w.wide_slots[at] = slot;
+    const uint32_t at = claim(w.common_count(), w.room, 1);
+    w.common_boxes[at] = {box_of(records[lane_id()]), view};
+    w.common_slots[at] = slot;
   }
 }
 
@@ -107,13 +107,13 @@ struct ListedCandidates {
   const bool any;  // in lists
 
   __device__ ListedCandidates(const Waiting& w, bool any_listed) : records(w.records), waiting(w), any(any_listed) {}
-  __device__ __forceinline__ ViewBox box(int i) const { return waiting.wide_boxes[i]; }
-  __device__ __forceinline__ int slot(int i) const { return (int)waiting.wide_slots[i]; }
+  __device__ __forceinline__ ViewBox box(int i) const { return waiting.common_boxes[i]; }
+  __device__ __forceinline__ int slot(int i) const { return (int)waiting.common_slots[i]; }
   __device__ __forceinline__ int listed(int view, int bin_x, int bin_y) const {
-    return !any ? 0 : (int)min_of(waiting.sizes[waiting.bin(view, bin_x, bin_y)], (uint32_t)waiting.listed);
+    return !any ? 0 : (int)min_of(waiting.sizes[waiting.bin(view, bin_x, bin_y)], (uint32_t)waiting.list_room);
   }
   __device__ __forceinline__ int listed_slot(int view, int bin_x, int bin_y, int i) const {
-    return (int)waiting.slots[waiting.bin(view, bin_x, bin_y) * waiting.listed + i];
+    return (int)waiting.slots[waiting.bin(view, bin_x, bin_y) * waiting.list_room + i];
   }
 };
 

@@ -19,13 +19,13 @@ namespace bigtri {
     "longest side of the bbox of a triangle that is drawn by rows at set-up; what is wider waits; 0: 64, 192 or " \
     "256, by the image and the number of triangles",                                                              \
     0, 0, 256)
-// kShares: of share.cuh
-#define BIGTRI_SHARE_PARAMETER(X)                                                                                   \
-  X(share, "triangles",                                                                                             \
-    "of a block that sets up; its warps draw up to 32 together, of more each draws its own; 0: so many that there " \
-    "are "                                                                                                          \
-    "blocks for the device",                                                                                        \
-    0, 0, 2048, kShares)
+// kShares: of ways.cuh
+#define BIGTRI_SHARE_PARAMETER(X)                                                                                    \
+  X(share, "triangles",                                                                                              \
+    "of a block that sets up: up to 32 are drawn by its warps together; of 256 and of 128 each warp draws 32, of "   \
+    "256 the others help it if it has far more to draw than they; of 1024 each warp tests 256 and draws those that " \
+    "may show; 0: by the image and the number of triangles",                                                         \
+    0, 0, 1024, kShares)
 
 // From a variant's list, X(name, unit, what it is, standard, lowest, highest[, the only ones allowed]) for each, in the
 // variant's namespace: the parameters, and their values by name.

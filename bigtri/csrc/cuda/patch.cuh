@@ -56,7 +56,7 @@ struct alignas(16) Patch {
   static constexpr int kRows = kWarps / 4 * kRegion;  // px
   static constexpr int kNowhere = kBin << 16;  // with no pixel, and in no box
   int left, top;  // px; left: kNowhere behind the last patch
-  uint32_t far;  // bits of the depth behind which nothing of it can be seen
+  uint32_t bound;  // bits of the depth behind which nothing of it can be seen
   int waiting;  // entries in its list
 
   __device__ int bin_x() const { return left >> kBinBits; }
@@ -75,12 +75,6 @@ __device__ __forceinline__ uint32_t this_thread() {
   uint32_t i;
   asm volatile("mov.u32 %0, %%tid.x;" : "=r"(i));
   return i;
-}
-
-// A value in shared memory, read again instead of kept in a register.
-template <class T>
-__device__ __forceinline__ T reread(const T& v) {
-  return *const_cast<const volatile T*>(&v);
 }
 
 // Shared memory of a block that owns patches. What all of its threads know is here too, and read again where it is
@@ -148,9 +142,9 @@ __device__ __forceinline__ void draw_all(Region& region, const Entry* entries, c
       const float behind = bound_depth(e, x, y, kRegion - 1, kRegion - 1, true);
       farthest = full && !e.far() ? behind : kInfinity;
     }
-    region.far = min_of(
-        region.far, bits_float(warp_min(float_bits(farthest))));  // depths are not negative: their bits are in order
-    keep = keep && nearest <= region.far;
+    region.bound = min_of(
+        region.bound, bits_float(warp_min(float_bits(farthest))));  // depths are not negative: their bits are in order
+    keep = keep && nearest <= region.bound;
     const unsigned whole = __ballot_sync(kAllLanes, full);
     for (unsigned todo = __ballot_sync(kAllLanes, keep); todo; todo &= todo - 1) {
       const int i = __ffs(todo) - 1;
@@ -167,7 +161,7 @@ __device__ __forceinline__ Region region_of(const Patch<kWarps>& p) {
   Region region;
   region.left = p.left + (warp & 3) * kRegion;
   region.top = p.top + (warp >> 2) * kRegion;
-  region.far = bits_float(p.far);
+  region.bound = bits_float(p.bound);
   return region;
 }
 
@@ -248,12 +242,12 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
       const int slot = slot_of(i);
       m = meet(candidates.records[slot], (uint32_t)slot, left >> kBinBits, top >> kBinBits, 0, top & (kBin - 1), kBin,
                Patch<kWarps>::kRows);
-      if (m.farthest < kInfinity) atomicMin(&patch.far, float_bits(m.farthest));
+      if (m.farthest < kInfinity) atomicMin(&patch.bound, float_bits(m.farthest));
     }
     __syncthreads();
     // What a patch is covered by hides what lies behind. Only what is left takes room.
     bool pending = false;
-    if (m.nearest <= bits_float(patch.far)) {
+    if (m.nearest <= bits_float(patch.bound)) {
       const int place = atomicAdd(&s->entry_count, 1);
       pending = place >= room;
       if (!pending) {

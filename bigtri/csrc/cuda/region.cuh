@@ -29,7 +29,7 @@ __device__ __forceinline__ uint32_t offset_of(const Frame& f, int x, int y) { re
 struct Region {
   int64_t best[kLanePixels];
   int left, top;  // px
-  float far;  // behind this depth nothing of the region can be seen
+  float bound;  // behind this depth nothing of the region can be seen
   uint32_t cut;  // bits of the lane's pixels that the scissor leaves, the first one highest
 
   static __device__ __forceinline__ uint32_t bit_of(int n) { return 1u << (kLanePixels - 1 - n); }

@@ -122,13 +122,6 @@ struct RowSpan {
   int lower, upper;
 };
 
-// 1 / v, off by 2^-23 of it at most; infinite for 0.
-__device__ __forceinline__ float near_inverse(float v) {
-  float inverse;
-  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(v));
-  return inverse;
-}
-
 // Cuts the span to the pixels i with f + step * i >= 0. The float32 quotient is off by less than 1/2 wherever the edge
 // crosses the row, so one test in integers settles on which side of the crossing the nearest pixel lies.
 __device__ __forceinline__ void cut_row(int32_t f, int32_t step, RowSpan* span) {

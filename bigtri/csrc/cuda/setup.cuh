@@ -13,6 +13,7 @@ constexpr unsigned kAllLanes = 0xffffffffu;
 constexpr int kWarp = 32;
 
 __device__ __forceinline__ int lane_id() { return threadIdx.x & (kWarp - 1); }
+__device__ __forceinline__ int this_warp() { return (int)(threadIdx.x / kWarp); }
 __device__ __forceinline__ unsigned lanes_below() { return (1u << lane_id()) - 1; }
 
 // The same number, which the compiler can compute nothing from before this place: what would wait in a register, or out
@@ -27,6 +28,12 @@ template <class T>
 __device__ __forceinline__ T* kept(T* p) {
   asm volatile("" : "+l"(p));
   return p;
+}
+
+// A value in shared memory, read again instead of kept in a register.
+template <class T>
+__device__ __forceinline__ T reread(const T& v) {
+  return *const_cast<const volatile T*>(&v);
 }
 
 // Over all lanes, which all get the result.

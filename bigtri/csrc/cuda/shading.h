@@ -7,8 +7,10 @@
 
 namespace bigtri {
 
-// texture [height, width, channels]; uv [count, 2]; out [count, channels].
-cudaError_t sample_cuda(const float* texture, int height, int width, int64_t channels, const float* uv, int64_t count,
+// texture [height, width, channels]; uv [count, 2]; out [count, channels]. Code: float for linear light, uint8_t or
+// uint16_t for sRGB codes.
+template <class Code>
+cudaError_t sample_cuda(const Code* texture, int height, int width, int64_t channels, const float* uv, int64_t count,
                         Filter filter, Wrap wrap, float* out, cudaStream_t stream);
 
 // normals, albedo, out [count, 3]; ambient [3]; directions, colors [lights, 3].

@@ -1,6 +1,6 @@
-// Small triangles where there are many: a lane finds all pixels of its own, a box of 8x8 px at a time, for less than
-// rows.cuh takes for a row; then the warp draws the pixels of all of them, one after the other. What bounds this is the
-// rate of atomics, and that counts sectors of 32 bytes: neighbours in a row that go in one instruction cost one.
+// Triangles within 8x8 px where there are many: a lane finds all pixels of its own for less than rows.cuh takes for a
+// row; then the warp draws the pixels of all of them, one after the other. What bounds this is the rate of atomics, and
+// that counts sectors of 32 bytes: neighbours in a row that go in one instruction cost one.
 #pragma once
 
 #include "fragment.cuh"
@@ -10,38 +10,37 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr int kSmallSide = 16;  // px, of the bbox
+constexpr int kBoxSide = 8;  // px, of the bbox
 constexpr int kSmallExtent = 32 * kSubpixel;  // of the triangle itself, of which the screen may have left only a corner
-constexpr int kBoxSide = 8;  // px; of what a lane finds pixels in at a time
 
 // Shared memory of a warp. What a lane's triangle is, and the covered pixels of all of them: lane << 6 | y << 3 | x
 // from the corner of the lane's box.
 struct SmallShared {
-  struct Box {
+  struct alignas(16) Box {
     // Of the cell that the corner lies in, and of those to the right, below, and both, as far as the box reaches
     // there.
     double zcell[4];
     double dzdx, dzdy;
     float zmin, zmax;
     uint32_t triangle;
-    uint32_t corner;  // pixel of the image
     uint32_t in_cell;  // the corner's x and y << 16 in its cell, px
+    int64_t* corner;  // pixel of the frame
   };
-  // Of half of the lanes at most; those of all mostly find room too.
-  static constexpr int kMostPixels = kWarp / 2 * kBoxSide * kBoxSide;
+  // Those of a quarter of the lanes find room, and mostly those of all. More memory would take L1 from the vertices.
+  static constexpr int kMostPixels = 5 * kWarp / 16 * kBoxSide * kBoxSide;
 
   Box box[kWarp];
   uint16_t pixels[kMostPixels];
 };
 
 __device__ __forceinline__ bool is_small(const Primitive& p) {
-  return p.x1 - p.x0 <= kSmallSide && p.y1 - p.y0 <= kSmallSide && extent_of(p) <= kSmallExtent &&
+  return p.x1 - p.x0 <= kBoxSide && p.y1 - p.y0 <= kBoxSide && extent_of(p) <= kSmallExtent &&
          max_of(max_of(p.z[0], p.z[1]), p.z[2]) <= 1.0f && !is_thin(p.x, p.y, p.area);
 }
 
 // One edge of a small triangle in float32. Its values over a box are integers below 2^21, so float32 holds them
 // exactly, and so are its steps. A row of eight pixels crosses it at a quotient of the two, which is an integer or at
-// least 2^-13 away from one: float32 quotients below 8 are off by 2^-19 at most, and a slack between the two makes them
+// least 2^-13 away from one: float32 quotients below 8 are off by 2^-18 at most, and a slack between the two makes them
 // exact where they are rounded to integers. What a row's crossing is multiplied with so that rounding it to an integer
 // gives how far 0xff00 has to be shifted for the row's coverage: by 8 where all eight pixels are inside, by less where
 // the first ones are not, by more where the last ones are not.
@@ -53,7 +52,7 @@ struct RowEdge {
 __device__ __forceinline__ RowEdge row_edge(int32_t f, int32_t sx, int32_t sy) {
   constexpr float kSlack = 1.0f / (1 << 15);
   // With a step of zero all pixels are inside or none: the infinities give that, and 0 * infinity counts as 0.
-  return {(float)f, (float)sy, __frcp_rn((float)absolute(sx)) * -0.0625f,
+  return {(float)f, (float)sy, near_inverse((float)absolute(sx)) * -0.0625f,
           ((sx < 0 ? kBoxSide - 0.5f : 0.5f) - kSlack) * 0.0625f, sx < 0 ? 16.0f : -16.0f};
 }
 
@@ -74,59 +73,40 @@ __device__ __forceinline__ uint32_t rows_coverage(RowEdge edge[3]) {
   return __byte_perm(__byte_perm(row[0], row[1], 0x0040), __byte_perm(row[2], row[3], 0x0040), 0x5410);
 }
 
-// The edges of a lane's triangle: f at the corner of the bbox, and its steps.
-struct SmallEdges {
-  int32_t start[3], sx[3], sy[3];
-};
-
-// Notes what is the same for all pixels of the lane's triangle.
-__device__ __forceinline__ void note_triangle(const Primitive& p, uint32_t triangle, const Divisor& area,
-                                              SmallShared::Box* mine, SmallEdges* edges) {
+// Notes what a lane's triangle is, and finds which pixels of its box it covers; upper, lower: four rows each, a byte a
+// row.
+__device__ __forceinline__ void find_pixels(int64_t* pixels, int width, const Primitive& p, uint32_t triangle,
+                                            SmallShared::Box* mine, uint32_t* upper, uint32_t* lower) {
+  const Divisor area = divisor((double)p.area);
   const DepthGradient g = depth_gradient(p.x, p.y, p.z, area);
   mine->dzdx = g.dzdx;
   mine->dzdy = g.dzdy;
   mine->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
   mine->zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
   mine->triangle = triangle;
-  for (int k = 0; k < 3; ++k) {
-    const Edge e = edge_of(p.x, p.y, k);
-    edges->start[k] = (int32_t)edge_steps(e, p.x0, p.y0);
-    edges->sx[k] = -e.dy;
-    edges->sy[k] = e.dx;
-  }
-}
-
-// Which pixels of a box of eight a side the lane's triangle covers; upper, lower: four rows each, a byte a row. Notes
-// where the box lies. x, y: its corner, which moves on to the next box; returns whether there is one.
-__device__ __forceinline__ bool find_pixels(int width, const Primitive& p, const Divisor& area, const SmallEdges& edges,
-                                            int* x, int* y, SmallShared::Box* mine, uint32_t* upper, uint32_t* lower) {
-  const int x_end = min_of(p.x1, *x + kBoxSide), y_end = min_of(p.y1, *y + kBoxSide), rows = y_end - *y;
-  const int i = *x & (kBin - 1), j = *y & (kBin - 1);
-  mine->corner = (uint32_t)(*y * width + *x);  // an image has at most 2^28 pixels
+  mine->corner = pixels + (uint32_t)(p.y0 * width + p.x0);  // an image has at most 2^28 pixels
+  const int i = p.x0 & (kBin - 1), j = p.y0 & (kBin - 1);
   mine->in_cell = (uint32_t)i | (uint32_t)j << 16;
 #pragma unroll 1
   for (int cell = 0; cell < 4; ++cell)
-    if ((cell == 0) | ((cell & 1) <= (i + x_end - *x > kBin) & (cell >> 1) <= (j + rows > kBin)))
-      mine->zcell[cell] = depth_at(p.x, p.y, p.z, area, *x - i + (cell & 1) * kBin, *y - j + (cell >> 1) * kBin);
+    if ((cell == 0) | ((cell & 1) <= (i + p.x1 - p.x0 > kBin) & (cell >> 1) <= (j + p.y1 - p.y0 > kBin)))
+      mine->zcell[cell] = depth_at(p.x, p.y, p.z, area, p.x0 - i + (cell & 1) * kBin, p.y0 - j + (cell >> 1) * kBin);
   RowEdge edge[3];
-  for (int k = 0; k < 3; ++k)
-    edge[k] =
-        row_edge(edges.start[k] + (*x - p.x0) * edges.sx[k] + (*y - p.y0) * edges.sy[k], edges.sx[k], edges.sy[k]);
-  const uint32_t columns = ((1u << (x_end - *x)) - 1) * 0x01010101u,
+  for (int k = 0; k < 3; ++k) {
+    const Edge e = edge_of(p.x, p.y, k);
+    edge[k] = row_edge((int32_t)edge_steps(e, p.x0, p.y0), -e.dy, e.dx);
+  }
+  const int rows = p.y1 - p.y0;
+  const uint32_t columns = ((1u << (p.x1 - p.x0)) - 1) * 0x01010101u,
                  last_rows = columns & (0xffffffffu >> (8 * (-rows & 3)));
   *upper = rows_coverage(edge) & (rows > 4 ? columns : last_rows);
-  if (rows > 4) *lower = rows_coverage(edge) & last_rows;
-  *x = x_end;
-  if (*x < p.x1) return true;
-  *x = p.x0;
-  *y = y_end;
-  return *y < p.y1;
+  *lower = rows > 4 ? rows_coverage(edge) & last_rows : 0;
 }
 
 // Lists a lane's pixels from `to` on.
-__device__ __forceinline__ void list_pixels(uint32_t upper, uint32_t lower, uint16_t* to) {
+__device__ __forceinline__ void list_pixels(uint32_t upper, uint32_t lower, int lane, uint16_t* to) {
   for (int half = 0; half < 2; ++half) {
-    const int code = lane_id() << 6 | half << 5;
+    const int code = lane << 6 | half << 5;
     for (uint32_t bits = half ? lower : upper; bits;) {
       const int bit = 31 - __clz(bits);  // one instruction, unlike the lowest one
       *to++ = (uint16_t)(code + bit);
@@ -136,16 +116,16 @@ __device__ __forceinline__ void list_pixels(uint32_t upper, uint32_t lower, uint
 }
 
 // Draws the pixels listed, a lane one at a time.
-__device__ __forceinline__ void draw_listed(int64_t* pixels, int width, int count, const SmallShared* s) {
-  for (int i = lane_id(); i < count; i += kWarp) {
-    const int pixel = s->pixels[i], owner = pixel >> 6;
-    const SmallShared::Box& box = s->box[owner];
+__device__ __forceinline__ void draw_listed(int width, int count, int lane, const SmallShared* s) {
+  for (int i = lane; i < count; i += kWarp) {
+    const int pixel = s->pixels[i];
+    const SmallShared::Box& box = s->box[pixel >> 6];
     const uint32_t x = pixel & 7, y = pixel >> 3 & 7, at = box.in_cell + (x | y << 16);
     const double zcell = box.zcell[(at >> kBinBits & 1) | (at >> (kBinBits + 15) & 2)];
-    const double z =
-        plane_row<double>(zcell, box.dzdy, at >> 16 & (kBin - 1)) + plane_column<double>(box.dzdx, at & (kBin - 1));
+    const double z = plane_row<double>(zcell, box.dzdy, exact_double((int)(at >> 16 & (kBin - 1)))) +
+                     plane_column<double>(box.dzdx, exact_double((int)(at & (kBin - 1))));
     const int64_t packed = pack_depth(finish_depth(z, box.zmin, box.zmax), box.triangle);
-    keep_nearest(pixels + (box.corner + y * (uint32_t)width + x), packed, false);
+    keep_nearest(box.corner + (y * (uint32_t)width + x), packed, false);
   }
 }
 
@@ -153,31 +133,21 @@ __device__ __forceinline__ void draw_listed(int64_t* pixels, int width, int coun
 // this lane has one. By all lanes.
 __device__ __forceinline__ void draw_small(int64_t* pixels, int width, const Primitive& p, uint32_t triangle, bool have,
                                            SmallShared* s) {
-  SmallShared::Box* const mine = &s->box[lane_id()];
-  SmallEdges edges;
-  const Divisor area = divisor(have ? (double)p.area : 1.0);
-  if (have) note_triangle(p, triangle, area, mine, &edges);
+  const int lane = computed_here(lane_id());
+  uint32_t upper = 0, lower = 0;
+  if (have) find_pixels(pixels, width, p, triangle, &s->box[lane], &upper, &lower);
+  const int count = __popc(upper) + __popc(lower), end = warp_sum_up_to(count);
+  const int all = __shfl_sync(kAllLanes, end, kWarp - 1);
+  // All lanes' pixels at once, or those of a quarter of the lanes after the other.
+  const int lanes = all <= SmallShared::kMostPixels ? kWarp : kWarp / 4;
   wait_for_previous();
-  // One box is the rule.
-  int x = p.x0, y = p.y0;
-  bool left = have;
-  while (__any_sync(kAllLanes, left)) {
-    uint32_t upper = 0, lower = 0;
-    if (left) left = find_pixels(width, p, area, edges, &x, &y, mine, &upper, &lower);
-    const int count = __popc(upper) + __popc(lower), end = warp_sum_up_to(count);
-    const int all = __shfl_sync(kAllLanes, end, kWarp - 1), of_half = __shfl_sync(kAllLanes, end, kWarp / 2 - 1);
-    if (all <= SmallShared::kMostPixels) {
-      list_pixels(upper, lower, s->pixels + end - count);
-      __syncwarp();
-      draw_listed(pixels, width, all, s);
-    } else {
-      for (int half = 0; half < 2; ++half) {
-        if (lane_id() / (kWarp / 2) == half) list_pixels(upper, lower, s->pixels + end - count - half * of_half);
-        __syncwarp();
-        draw_listed(pixels, width, half ? all - of_half : of_half, s);
-        __syncwarp();
-      }
-    }
+#pragma unroll 1
+  for (int first = 0, listed = 0; first < kWarp; first += lanes) {
+    const int part_end = __shfl_sync(kAllLanes, end, first + lanes - 1);
+    if (lane >= first && lane < first + lanes) list_pixels(upper, lower, lane, s->pixels + end - count - listed);
+    __syncwarp();
+    draw_listed(width, part_end - listed, lane, s);
+    listed = part_end;
     __syncwarp();
   }
 }

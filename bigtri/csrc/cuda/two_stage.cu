@@ -43,7 +43,7 @@ Queue take_queue(Scratch* scratch, const Frame& f, const Values& v) {
   q.records = scratch->take<Record>(q.record_room);
   q.pairs = scratch->take<Pair>(q.pair_room);
   q.counters = scratch->take<uint64_t>(kCounters);
-  q.projected = take_projected(scratch, f, v.share > kShareThreads);
+  q.projected = take_projected(scratch, f, way_of(v.share) == Way::kTested);
   return q;
 }
 
@@ -90,10 +90,10 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, const
 constexpr int kThreads = 256;
 
 template <Way kWay>
-__global__ void __launch_bounds__(kShareThreads, kShareBlocks)
+__global__ void __launch_bounds__(block_threads(kWay), blocks_held(kWay))
     set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ Queue q,
                        const __grid_constant__ Sharing s, int widest) {
-  __shared__ ShareShared shared;
+  __shared__ ShareShared<kWay> shared;
   let_next_begin();
   draw_share<kWay>(f, s, q.projected, widest, &shared,
                    [&](int32_t, const Record* records, int count) { queue_or_draw(f, q, records, count); });
@@ -119,15 +119,17 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
   Queue q = take_queue(&scratch, f, v);
   Sharing sharing;
   int64_t set_up_blocks;
-  BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kTogether>, f, q.projected, v.share, nullptr, &sharing,
+  BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kEven>, f, q.projected, v.share, nullptr, &sharing,
                               &set_up_blocks, stream));
-  if (sharing.way == Way::kTogether) q.projected = nullptr;  // blocks project corners while the image is cleared
+  const Way way = way_of(sharing.each);
+  if (way == Way::kTogether) q.projected = nullptr;  // blocks project corners while the image is cleared
   BIGTRI_CUDA(launch_clear(f, q.projected, Zeros::of(q.counters, kCounters), stream));
   if (f.count > 0) {
     int blocks;
-    const int widest = widest_rows(f, sharing, v.widest);
-    BIGTRI_CUDA(with_way(sharing.way, [&](auto way) {
-      return launch_next(set_up_and_enqueue<way.value>, set_up_blocks, kShareThreads, 0, stream, f, q, sharing, widest);
+    const int widest = widest_rows(f, way, v.widest);
+    BIGTRI_CUDA(with_way(way, [&](auto of) {
+      return launch_next(set_up_and_enqueue<of.value>, set_up_blocks, block_threads(of.value), 0, stream, f, q, sharing,
+                         widest);
     }));
     BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, v.blocks, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));

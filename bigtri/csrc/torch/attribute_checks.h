@@ -65,10 +65,16 @@ inline void check_rows(const char* op, const char* name, const Tensor& t, int de
   check_on(op, name, t, device, ScalarType::Float, shape, wanted);
 }
 
+// The type of a texture's texels: float32 where it is none of those that are allowed.
+inline ScalarType texel_type(const Tensor& texture) {
+  const auto type = texture.defined() ? type_of(texture) : std::nullopt;
+  return type == ScalarType::Byte || type == ScalarType::UInt16 ? *type : ScalarType::Float;
+}
+
 inline void check_sample(int device, const Tensor& texture, const Tensor& uv, const std::string& filter,
                          const std::string& wrap, const Tensor& out) {
   const char* op = "sample_texture";
-  check_on(op, "texture", texture, device, ScalarType::Float, {-1, -1, -1}, "float32 [Ht, Wt, C]");
+  check_on(op, "texture", texture, device, texel_type(texture), {-1, -1, -1}, "float32, uint8 or uint16 [Ht, Wt, C]");
   check_rows(op, "uv", uv, device, uv, 2, "float32 [..., 2]");
   const int64_t height = texture.size(0), width = texture.size(1);
   BIGTRI_CHECK(height >= 1 && height <= kMaxTexture && width >= 1 && width <= kMaxTexture,
@@ -80,6 +86,16 @@ inline void check_sample(int device, const Tensor& texture, const Tensor& uv, co
   check_rows(op, "out", out, device, uv, texture.size(2), "float32 [..., C]");
   check_apart(op, "out", out, "texture", texture);
   check_apart(op, "out", out, "uv", uv);
+}
+
+// Calls body with the texels of a texture that has passed check_sample, a pointer to their type.
+template <class Body>
+void with_texels(const Tensor& texture, const Body& body) {
+  switch (texel_type(texture)) {
+    case ScalarType::Byte: return body(const_data<uint8_t>(texture));
+    case ScalarType::UInt16: return body(const_data<uint16_t>(texture));
+    default: return body(const_data<float>(texture));
+  }
 }
 
 // The name must have passed check_sample.

@@ -45,8 +45,10 @@ void barycentrics_op(const Tensor& packed, const Tensor& positions, const Tensor
 void sample_texture_op(const Tensor& texture, const Tensor& uv, const std::string& filter, const std::string& wrap,
                        const Tensor& out) {
   check_sample(kCpu, texture, uv, filter, wrap, out);
-  sample(const_data<float>(texture), (int)texture.size(0), (int)texture.size(1), texture.size(2), const_data<float>(uv),
-         uv.numel() / 2, filter_of(filter), wrap_of(wrap), data<float>(out), torch_threads());
+  with_texels(texture, [&](const auto* texels) {
+    sample(texels, (int)texture.size(0), (int)texture.size(1), texture.size(2), const_data<float>(uv), uv.numel() / 2,
+           filter_of(filter), wrap_of(wrap), data<float>(out), torch_threads());
+  });
 }
 
 void lambert_op(const Tensor& normals, const Tensor& albedo, const Tensor& ambient, const Tensor& directions,

@@ -143,8 +143,16 @@ inline Tensor empty(Sizes shape, ScalarType type, int device = kCpu) {
   return Tensor(made);
 }
 
-// As many threads as torch uses (torch.set_num_threads), of bigtri's own pool. At most 1024, since each takes memory.
-inline Parallel torch_threads() { return {(int)min_of<int64_t>(torch::stable::get_num_threads(), 1024)}; }
+constexpr int kMostThreads = 1024;  // each takes memory
+
+// What the operator thread_load measures; while its `threads` is 0, nothing.
+inline Load measured_load;
+
+// As many threads as torch uses (torch.set_num_threads), of bigtri's own pool.
+inline Parallel torch_threads() {
+  if (measured_load.threads) return {measured_load.threads, &measured_load};
+  return {(int)min_of<int64_t>(torch::stable::get_num_threads(), kMostThreads)};
+}
 
 inline Viewport viewport(const char* op, int64_t height, int64_t width, const std::string& cull,
                          const std::vector<int64_t>& scissor) {

@@ -63,9 +63,11 @@ void sample_texture_cuda_op(const Tensor& texture, const Tensor& uv, const std::
   check_sample(device, texture, uv, filter, wrap, out);
   if (out.numel() == 0) return;
   const torch::stable::accelerator::DeviceGuard guard(device);
-  check_launch("sample_texture", sample_cuda(const_data<float>(texture), (int)texture.size(0), (int)texture.size(1),
-                                             texture.size(2), const_data<float>(uv), uv.numel() / 2, filter_of(filter),
-                                             wrap_of(wrap), data<float>(out), current_stream(device)));
+  with_texels(texture, [&](const auto* texels) {
+    check_launch("sample_texture", sample_cuda(texels, (int)texture.size(0), (int)texture.size(1), texture.size(2),
+                                               const_data<float>(uv), uv.numel() / 2, filter_of(filter), wrap_of(wrap),
+                                               data<float>(out), current_stream(device)));
+  });
 }
 
 void lambert_cuda_op(const Tensor& normals, const Tensor& albedo, const Tensor& ambient, const Tensor& directions,

@@ -1,6 +1,8 @@
 // torch.ops.bigtri.rasterize on the CPU, the choice of the instruction set, and the schemas of all operators. The
 // library `_cuda` adds kernels to these schemas.
 
+#include <tuple>
+
 #include "rasterize_checks.h"
 #include "registry.h"
 
@@ -65,6 +67,17 @@ void set_isa(std::string name) {
   use_isa(isa);
 }
 
+// Returns what has been measured since the last call: the time of the thread that works longest, and of all (Load). From
+// now on measures how `threads` threads would share the work of every operator, which the caller's thread does alone; 0:
+// nothing. For the whole process, which must not call operators from several threads meanwhile.
+std::tuple<int64_t, int64_t> thread_load_op(int64_t threads) {
+  BIGTRI_CHECK(threads >= 0 && threads <= kMostThreads, "bigtri::thread_load: threads must be 0 to ", kMostThreads,
+               ", got ", threads);
+  const Load measured = measured_load;
+  measured_load = {(int)threads, 0, 0};
+  return {measured.longest, measured.all};
+}
+
 }  // namespace
 }  // namespace bigtri
 
@@ -78,6 +91,7 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
   m.def("isa() -> str");
   m.def("set_isa(str name) -> ()");
   m.def("rungs() -> str");
+  m.def("thread_load(int threads) -> (int longest, int all)");
   m.def("variants(str precision) -> str");
   m.def("counters() -> str");
   // The stages one by one; docs/architecture.md has their inputs and outputs.
@@ -111,6 +125,7 @@ STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
   m.impl("isa", TORCH_BOX(&bigtri::isa));
   m.impl("set_isa", TORCH_BOX(&bigtri::set_isa));
   m.impl("rungs", TORCH_BOX(&bigtri::rungs_op));
+  m.impl("thread_load", TORCH_BOX(&bigtri::thread_load_op));
   m.impl("variants", TORCH_BOX(&bigtri::variants_op));
   m.impl("counters", TORCH_BOX(&bigtri::counters_op));
 }

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Vector
+from ..camera import Camera, Vector
+from ..carried import Lamp
 
 
 class ModelError(ValueError):
@@ -45,6 +46,8 @@ class Paint:
         wrap: "repeat" or "clamp".
         filter: "bilinear" or "nearest".
         double_sided: whether the file asks for both faces to be lit; None where the format cannot say.
+        alpha_mode, alpha, alpha_cutoff, unlit, emissive: as in ``Material``.
+        emissive_texture: codes as those of ``texture``, at the same texture coordinates.
     """
 
     name: str = ""
@@ -53,6 +56,12 @@ class Paint:
     wrap: str = "repeat"
     filter: str = "bilinear"
     double_sided: bool | None = None
+    alpha_mode: str = "opaque"
+    alpha: float = 1.0
+    alpha_cutoff: float = 0.5
+    unlit: bool = False
+    emissive: Vector = (0.0, 0.0, 0.0)
+    emissive_texture: NDArray[Any] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +72,7 @@ class Mesh:
         name: for people.
         positions: float32 or float64 [V, 3], in the mesh's own space. Meshes may share arrays.
         triangles: int32 [T, 3], indices into the positions, counter-clockwise from the front.
-        normals: float32 [V, 3] of any length, or None.
+        normals: float32 or float64 [V, 3] of any length, or None.
         uvs: float32 [V, 2], (0, 0) at the lower left of the texture, or None.
         colors: float32 [V, 3], linear; [T, 3] if ``colors_of_faces``; or None.
         colors_of_faces: whether a colour belongs to a triangle instead of a vertex.
@@ -74,10 +83,25 @@ class Mesh:
     name: str
     positions: NDArray[Any]
     triangles: NDArray[np.int32]
-    normals: NDArray[np.float32] | None = None
+    normals: NDArray[Any] | None = None
     uvs: NDArray[np.float32] | None = None
     colors: NDArray[np.float32] | None = None
     colors_of_faces: bool = False
+    paint: Paint | None = None
+    transforms: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
+
+
+@dataclass(frozen=True, eq=False)
+class Strokes:
+    """Points or line segments of one paint. Attributes as in ``Mesh``, and
+
+    Attributes:
+        indices: int32 [N, 1] of points, [N, 2] of line segments.
+    """
+
+    positions: NDArray[Any]
+    indices: NDArray[np.int32]
+    colors: NDArray[np.float32] | None = None
     paint: Paint | None = None
     transforms: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
 
@@ -88,11 +112,16 @@ class Model:
 
     Attributes:
         meshes: in the order of the file.
+        strokes: its points and lines.
+        cameras, lamps: in world space.
         findings: what is not drawn, once per kind.
     """
 
     meshes: list[Mesh] = field(default_factory=list)
     findings: dict[str, Finding] = field(default_factory=dict)
+    strokes: list[Strokes] = field(default_factory=list)
+    cameras: list[Camera] = field(default_factory=list)
+    lamps: list[Lamp] = field(default_factory=list)
 
     def found(self, kind: str, text: str) -> None:
         """Notes something that will not be drawn; the first text of a kind is kept, and the places are counted."""

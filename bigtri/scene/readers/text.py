@@ -1,0 +1,32 @@
+"""Numbers in text, many at a time."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .model import ModelError
+
+
+def numbers(text: bytes, kind: type[np.float64] | type[np.int64], what: str) -> NDArray[Any]:
+    """All numbers of a text of nothing else, with white space between them.
+
+    Raises:
+        ModelError: a word is no number, or no whole one for np.int64; the text begins with ``what``.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # that is how NumPy says that it met something else
+        try:
+            return np.fromstring(text, kind, sep=" ")
+        except (DeprecationWarning, ValueError):
+            pass
+    convert, wanted = (float, "numbers") if kind is np.float64 else (int, "whole numbers")
+    for word in text.split():
+        try:
+            convert(word)
+        except ValueError:
+            raise ModelError(f"{what} must be {wanted}, got {word[:40].decode('latin-1')!r}") from None
+    raise ModelError(f"{what} must be {wanted}")
