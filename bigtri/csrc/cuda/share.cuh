@@ -54,9 +54,20 @@ struct Left {
     t = triangle;
     area = p.area;
   }
+  // All of it but the order of its vertices, which nothing here asks for.
   __device__ __forceinline__ Primitive primitive() const {
-    return {{x[0], x[1], x[2]}, {y[0], y[1], y[2]}, {z[0], z[1], z[2]}, {}, x0, y0, x1, y1, area};
+    Primitive p;
+    for (int k = 0; k < 3; ++k) {
+      p.x[k] = x[k];
+      p.y[k] = y[k];
+      p.z[k] = z[k];
+    }
+    p.x0 = x0, p.y0 = y0, p.x1 = x1, p.y1 = y1;
+    p.area = area;
+    return p;
   }
+};
+}
 };
 
 // Shared memory of a warp.
