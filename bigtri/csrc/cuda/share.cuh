@@ -67,8 +67,6 @@ struct Left {
     return p;
   }
 };
-}
-};
 
 // Shared memory of a warp.
 struct WarpShared {
