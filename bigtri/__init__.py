@@ -17,6 +17,7 @@ _HOMES = {
     "Material": ".scene.scene",
     "Precision": ".precision",
     "Scene": ".scene.scene",
+    "Tolerance": ".study.suggest",
     "Visibility": ".ops.rasterize",
     "barycentrics": ".ops.interpolate",
     "decode_srgb": ".ops.shading",
@@ -29,6 +30,7 @@ _HOMES = {
     "rasterize": ".ops.rasterize",
     "render": ".rendering.render",
     "sample_texture": ".ops.texture",
+    "suggest_precision": ".study.suggest",
 }
 _MODULES = {"memory": ".ops.memory", "stages": ".check.stages", "verify": ".check.verify", "views": ".rendering.views"}
 
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
     from .scene.camera import Camera
     from .scene.load import from_trimesh, load_scene
     from .scene.scene import Light, Material, Scene, merge
+    from .study.suggest import Tolerance, suggest_precision
 
 __all__ = [
     "Camera",
@@ -52,6 +55,7 @@ __all__ = [
     "Material",
     "Precision",
     "Scene",
+    "Tolerance",
     "Visibility",
     "barycentrics",
     "decode_srgb",
@@ -66,6 +70,7 @@ __all__ = [
     "render",
     "sample_texture",
     "stages",
+    "suggest_precision",
     "verify",
     "views",
 ]

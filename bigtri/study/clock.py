@@ -7,7 +7,7 @@ what the code can do, the distance between the quartiles how far to trust the me
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -44,6 +44,29 @@ def clock(call: Callable[[], object], seconds: float, warm: int = 2, at_least: i
         call()
         ms.append((time.perf_counter() - start) * 1e3)
     return ms
+
+
+def interleaved(
+    calls: Mapping[str, Callable[[], object]], seconds: float, warm: int = 1, at_least: int = 5, at_most: int = 1000
+) -> dict[str, Timing]:
+    """The time of each of several calls, by name, in about `seconds` together, but at least `at_least` rounds.
+
+    A round is one call of each, every other one in the opposite order, so that what slows the machine down slows all alike.
+    """
+    order = list(calls)
+    for name in order * warm:
+        calls[name]()
+    ms: dict[str, list[float]] = {name: [] for name in order}
+    end = time.perf_counter() + seconds
+    rounds = 0
+    while rounds < at_least or (time.perf_counter() < end and rounds < at_most):
+        for name in order:
+            start = time.perf_counter()
+            calls[name]()
+            ms[name].append((time.perf_counter() - start) * 1e3)
+        order.reverse()
+        rounds += 1
+    return {name: summary(of_name) for name, of_name in ms.items()}
 
 
 def peak_mib(call: Callable[[], object]) -> float | None:
