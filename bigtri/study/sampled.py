@@ -6,6 +6,7 @@ lie outside by more than it can be wrong. Whether a triangle does show there, an
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
@@ -132,8 +133,8 @@ def _candidates(
         last = np.searchsorted(at, row * width + right[triangle])
         there = first < last
         triangle, first, last = triangle[there], first[there], last[there]
-        starts = np.flatnonzero(np.diff(triangle, prepend=-1))
-        for start, stop in zip(starts.tolist(), [*starts[1:].tolist(), len(triangle)], strict=True):
+        bounds = [*np.flatnonzero(np.diff(triangle, prepend=-1)).tolist(), len(triangle)]
+        for start, stop in itertools.pairwise(bounds):
             runs = [np.arange(a, b) for a, b in zip(first[start:stop].tolist(), last[start:stop].tolist(), strict=True)]
             yield int(triangle[start]), np.concatenate(runs)
 

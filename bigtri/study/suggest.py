@@ -172,7 +172,8 @@ def suggest_precision(
     Every rung that the device has draws the scene. Its errors are measured against rational arithmetic (``bigtri.study.truth``),
     which knows the scene as it was given, and its time on this machine, as ``variant="auto"`` runs it. Of the rungs that meet the
     tolerance the fastest is suggested; of those whose times the spread of the measurement does not tell apart from that one's,
-    the most accurate. ``depth_reversed`` is no candidate, since a camera's depth is not reversed.
+    the most accurate, and ``exact`` before others that are as accurate to a tenth of the tolerance. ``depth_reversed`` is no
+    candidate, since a camera's depth is not reversed.
 
     Where there are more pixels than ``samples``, so many are chosen at random, and a rung must be shown by them, with 95 %
     confidence, to have no more wrong pixels in all than the tolerance allows: n samples without an error show 3/n of all pixels.
@@ -276,13 +277,16 @@ def _meets(tolerance: Tolerance, found: _Errors, most: float, allowed: int) -> b
 
 
 def _cheapest(evidence: list[Evidence], tolerance: Tolerance) -> Evidence | None:
-    """The fastest that meets the tolerance; of those that are as fast within the spread, the most accurate."""
+    """The fastest that meets the tolerance; of those that are as fast within the spread, the most accurate.
+
+    That is the one whose errors take up the least of the tolerance, to a tenth of it; of equals the first of the ladder.
+    """
     good = [one for one in evidence if one.meets]
     if not good:
         return None
     fastest = min(good, key=lambda one: one.time.median)
     tied = [one for one in good if one.time.p25 <= fastest.time.p75]
-    return min(tied, key=lambda one: (_share(one, tolerance), PRECISIONS.index(one.precision)))
+    return min(tied, key=lambda one: (round(_share(one, tolerance), 1), PRECISIONS.index(one.precision)))
 
 
 def _share(one: Evidence, tolerance: Tolerance) -> float:
@@ -358,7 +362,7 @@ def _errors(
     scene, height, width = subject.scene, *subject.resolution
     picture = None
     if supersample is not None:
-        picture = render(scene, subject.camera, subject.resolution, supersample=supersample)
+        picture = render(scene, subject.camera, subject.resolution, supersample=supersample, backend=_backend(DEFAULT))
     true = sampled.nearest(subject.positions, scene.triangles, height, width, at, scene.cull)
     values: dict[int, Seen] = {}  # by sub-pixel bits
     known: dict[tuple[object, ...], tuple[float, float | None]] = {}  # the errors of bits that another rung has too

@@ -55,3 +55,11 @@ def test_depth_and_weights_are_those_of_the_whole_image(rung: str) -> None:
     assert same.sum() > 50
     assert (found.depth[same] == depths.depth.ravel()[at][same]).all()
     assert (found.weights[there] == shown.weights.reshape(-1, 3)[at][there]).all()
+
+
+def test_nothing_is_seen_where_no_triangle_is() -> None:
+    at = sampled.pixels(4, 4, 16, seed=0)
+    nothing = np.empty((0, 4), np.float32), np.empty((0, 3), np.int32)
+    aside = soup(np.array([[[5, 0, 0, 1], [6, 0, 0, 1], [5, 1, 0, 1]]]))
+    for positions, triangles in (nothing, aside):
+        assert (sampled.nearest(positions, triangles, 4, 4, at) == truth.BACKGROUND).all()
