@@ -125,7 +125,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         first = found[0]
         print(
             f"\n{case.name}, {first.triangles} triangles, {case.width}x{case.height} px, {first.variant}, "
-            f"{first.threads} threads, {first.isa or options.device}; {first.sample_px} px compared, depth and weights at {first.depth_px}\n{HEADER}"
+            f"{first.threads} threads, {first.isa or options.device}; "
+            f"{first.sample_px} px compared, depth and weights at {first.depth_px}\n{HEADER}"
         )
         for row in found:
             print(table_line(row), flush=True)
