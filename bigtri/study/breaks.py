@@ -137,11 +137,15 @@ def needle() -> accuracy.Case:
 
 _HARD = accuracy.HARD
 _TIES, _SPOKES, _FIGHT, _FLOOR = (98, 98, 158, 143), (360, 366, 440, 426), (0, 0, 256, 192), (0, 60, 320, 240)
-_ALL = (0, 0, 256, 256)
+_ALL, _FAN = (0, 0, 256, 256), (490, 8, 560, 74)
 
 
 def _slopes() -> accuracy.Case:
     return accuracy.case("S2", 640, 360)
+
+
+def _specks() -> accuracy.Case:
+    return accuracy.hard(constructions.subpixel_mesh)
 
 
 def _far() -> accuracy.Case:
@@ -152,15 +156,13 @@ BREAKS = {
     "subpixel4": Break(
         _HARD["needles"], _SPOKES, "400 needles around a pixel's centre: their ends lie up to 1/32 px off.", _twice
     ),
-    "coverage_float32": Break(_HARD["far_fan"], (80, 0, 410, 250), "48 triangles from an apex 36,000 px away.", _twice),
+    "coverage_float32": Break(_HARD["far_fan"], _FAN, "48 triangles from an apex 36,000 px away.", _twice),
     "coverage_float32_fused": Break(_HARD["needles"], _SPOKES, "Pink: no needle is drawn. Yellow: another one, or two.", _twice),
-    "coverage_float32_canonical": Break(
-        _HARD["far_fan"], (80, 0, 410, 250), "The same fan: no crack, but pixels change hands.", _twice
-    ),
+    "coverage_float32_canonical": Break(_HARD["far_fan"], _FAN, "The same fan: no crack, but pixels change hands.", _twice),
     "coverage_float32_inclusive": Break(_HARD["ties"], _TIES, "Spokes through pixel centres: both triangles are drawn.", _twice),
     "coverage_float32_strict": Break(_HARD["ties"], _TIES, "Spokes through pixel centres: neither triangle is drawn.", _twice),
     "depth_float32_cell": Break(_slopes, (160, 60, 490, 260), "Low bits of depth. Yellow: more than 1 ulp off.", _depths),
-    "depth_float32_vertex": Break(_HARD["fight"], _FIGHT, "Strips nearer by 2^-25, 2^-24, 2^-23 ...", _triangles),
+    "depth_float32_vertex": Break(_HARD["fight"], (50, 190, 105, 232), "Strips nearer by 2^-25, 2^-24, 2^-23 ...", _triangles),
     "depth_float32_barycentric": Break(_slopes, (160, 60, 490, 260), "Low bits of depth. Yellow: more than 1 ulp off.", _depths),
     "depth_stored24": Break(_HARD["fight"], _FIGHT, "Strips nearer by 2^-25, 2^-24, 2^-23 ...", _triangles),
     "depth_stored16": Break(_HARD["fight"], _FIGHT, "Strips nearer by 2^-25, 2^-24, 2^-23 ...", _triangles),
@@ -170,9 +172,9 @@ BREAKS = {
     "mask_half_tile": Break(needle, _ALL, "Bright: tiles that are looked at. Yellow: not by exact.", _tiles),
     "mask_bounds": Break(needle, _ALL, "Bright: tiles that are looked at. Yellow: not by exact.", _tiles),
     "mask_none": Break(needle, _ALL, "Bright: tiles that are looked at. Yellow: not by exact.", _tiles),
-    "clip_float32": Break(_far, _ALL, "40 triangles with corners a million px away.", _triangles),
+    "clip_float32": Break(_far, (60, 128, 160, 198), "40 triangles with corners a million px away.", _triangles),
     "clip_none": Break(_HARD["floor"], _FLOOR, "A floor that passes under the camera.", _triangles),
-    "attributes_float32": Break(_HARD["floor"], _FLOOR, "Yellow: more than 0.0005 texels of 1024 off.", _textures(0.0005)),
-    "attributes_reciprocal": Break(_HARD["floor"], _FLOOR, "Yellow: more than 0.0005 texels of 1024 off.", _textures(0.0005)),
+    "attributes_float32": Break(_HARD["floor"], _FLOOR, "Yellow: more than 0.0001 texels of 1024 off.", _textures(0.0001)),
+    "attributes_reciprocal": Break(_HARD["floor"], _FLOOR, "Yellow: more than 0.0001 texels of 1024 off.", _textures(0.0001)),
     "attributes_affine": Break(_HARD["floor"], _FLOOR, "Yellow: more than a texel of 1024 off.", _textures(1)),
 }
