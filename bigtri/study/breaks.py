@@ -153,9 +153,7 @@ def _far() -> accuracy.Case:
 
 
 BREAKS = {
-    "subpixel4": Break(
-        _HARD["needles"], _SPOKES, "400 needles around a pixel's centre: their ends lie up to 1/32 px off.", _twice
-    ),
+    "subpixel4": Break(_specks, (0, 0, 19, 18), "Triangles smaller than a pixel, each corner up to 1/32 px off.", _triangles),
     "coverage_float32": Break(_HARD["far_fan"], _FAN, "48 triangles from an apex 36,000 px away.", _twice),
     "coverage_float32_fused": Break(_HARD["needles"], _SPOKES, "Pink: no needle is drawn. Yellow: another one, or two.", _twice),
     "coverage_float32_canonical": Break(_HARD["far_fan"], _FAN, "The same fan: no crack, but pixels change hands.", _twice),
