@@ -47,26 +47,25 @@ def clock(call: Callable[[], object], seconds: float, warm: int = 2, at_least: i
 
 
 def interleaved(
-    calls: Mapping[str, Callable[[], object]], seconds: float, warm: int = 1, at_least: int = 5, at_most: int = 1000
-) -> dict[str, Timing]:
-    """The time of each of several calls, by name, in about `seconds` together, but at least `at_least` rounds.
+    calls: Mapping[str, Callable[[], object]], seconds: float, at_least: int = 5, at_most: int = 400
+) -> dict[str, list[float]]:
+    """Milliseconds of each call by name, one of each a round, for about `seconds` but at least `at_least` rounds.
 
-    A round is one call of each, every other one in the opposite order, so that what slows the machine down slows all alike.
+    Each round has an order of its own, so that no call always comes after the same one; the first round does not count.
     """
-    order = list(calls)
-    for name in order * warm:
-        calls[name]()
-    ms: dict[str, list[float]] = {name: [] for name in order}
+    rng = np.random.default_rng(0)
+    names = list(calls)
+    ms: dict[str, list[float]] = {name: [] for name in names}
     end = time.perf_counter() + seconds
-    rounds = 0
-    while rounds < at_least or (time.perf_counter() < end and rounds < at_most):
-        for name in order:
+    done = -1
+    while done < at_least or (time.perf_counter() < end and done < at_most):
+        for name in rng.permutation(names).tolist():
             start = time.perf_counter()
             calls[name]()
-            ms[name].append((time.perf_counter() - start) * 1e3)
-        order.reverse()
-        rounds += 1
-    return {name: summary(of_name) for name, of_name in ms.items()}
+            if done >= 0:
+                ms[name].append((time.perf_counter() - start) * 1e3)
+        done += 1
+    return ms
 
 
 def peak_mib(call: Callable[[], object]) -> float | None:

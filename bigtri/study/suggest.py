@@ -22,8 +22,8 @@ from ..rendering.render import render
 from ..scene.camera import Camera, number
 from ..scene.plan import plan_for
 from ..scene.scene import Scene
-from . import errors, provenance, sampled
-from .clock import Timing, interleaved
+from . import errors, provenance, truth
+from .clock import Timing, interleaved, summary
 from .truth import BACKGROUND, Seen
 
 CONFIDENCE = 0.95  # of what is said of all pixels after looking at some
@@ -217,11 +217,12 @@ def suggest_precision(
         raise ValueError(f"bigtri.{op}: tolerance must not name attribute_texels for a scene without uvs and a texture in use")
     supersample = None if tolerance.psnr_db is None else _supersample(height, width)
 
-    at = sampled.pixels(height, width, samples, seed)
-    some = sampled.pixels(1, len(at), _VALUES, seed)
+    at = _choice(height * width, samples, seed)
+    some = _choice(len(at), _VALUES, seed)
     found = _errors(subject, candidates, at, some, supersample)
     if times is None:
-        times = interleaved({name: _call(subject, name, device) for name in candidates}, seconds)
+        every = interleaved({name: _call(subject, name, device) for name in candidates}, seconds)
+        times = {name: summary(ms) for name, ms in every.items()}
     everything = height * width
     evidence = []
     for name, of_rung in found.items():
@@ -363,7 +364,8 @@ def _errors(
     picture = None
     if supersample is not None:
         picture = render(scene, subject.camera, subject.resolution, supersample=supersample, backend=_backend(DEFAULT))
-    true = sampled.nearest(subject.positions, scene.triangles, height, width, at, scene.cull)
+    pixels = np.stack([at % width, at // width], axis=1)
+    true = truth.nearest_at(subject.positions, scene.triangles, height, width, pixels, scene.cull)
     values: dict[int, Seen] = {}  # by sub-pixel bits
     known: dict[tuple[object, ...], tuple[float, float | None]] = {}  # the errors of bits that another rung has too
     result = {}
@@ -371,8 +373,8 @@ def _errors(
         rung = RUNGS[name]
         if rung.subpixel_bits not in values:
             grid = next(other for other in RUNGS.values() if other.subpixel_bits == rung.subpixel_bits)
-            values[grid.subpixel_bits] = sampled.values(
-                subject.positions, scene.triangles, height, width, at[some], true[some], grid
+            values[grid.subpixel_bits] = truth.at(
+                subject.positions, scene.triangles, height, width, pixels[some], true[some], grid
             )
         triangle, depth, uv = _drawn(subject, rung, at)
         bits = rung.subpixel_bits, *(array[some].tobytes() for array in (triangle, depth, uv))
@@ -386,6 +388,13 @@ def _errors(
             psnr = errors.likeness(drawn, picture).psnr
         result[name] = _Errors(int(np.count_nonzero(triangle != true)), *known[bits], psnr)
     return result
+
+
+def _choice(of: int, count: int, seed: int) -> NDArray[np.int64]:
+    """int64 [N], rising: so many of the integers below ``of``, or all if there are no more."""
+    if count >= of:
+        return np.arange(of)
+    return np.sort(np.random.default_rng(seed).choice(of, count, replace=False))
 
 
 def _drawn(
@@ -412,11 +421,11 @@ def _texels(subject: _Subject, triangle: NDArray[np.int32], uv: NDArray[np.float
     material = np.where(seen.triangle == BACKGROUND, -1, scene.material[seen.triangle])
     for index, size in subject.textures.items():
         here = material == index
-        truth = Seen(*(field[here] for field in seen))
+        seen_here = Seen(*(field[here] for field in seen))
         for channel, texels in ((0, size[1]), (1, size[0])):
             of_channel = slice(channel, channel + 1)
             off = errors.attribute_error(
-                uv[here, of_channel], triangle[here], scene.uvs[:, of_channel], scene.triangles, truth, scale=texels
+                uv[here, of_channel], triangle[here], scene.uvs[:, of_channel], scene.triangles, seen_here, scale=texels
             )
             largest = max(largest, float(off.max(initial=0)))
     return largest
