@@ -162,7 +162,7 @@ def suggest_precision(
     tolerance: Tolerance,
     *,
     device: str = "cpu",
-    samples: int = 1 << 16,
+    samples: int = 1 << 20,
     seed: int = 0,
     seconds: float = 2.0,
     times: Mapping[str, Timing] | None = None,
@@ -185,7 +185,7 @@ def suggest_precision(
         resolution: (height, width), px, 1 to 16384 each.
         tolerance: what is good enough.
         device: "cpu" or "cuda", where the rungs are timed. The errors are those of either, as the bits are the same.
-        samples: pixels to look at, at least 1; all of an image that has no more. They take some 0.1 ms each.
+        samples: pixels to look at, at least 1; all of an image that has no more. A million takes some seconds.
         seed: which pixels. The answer is the same for the same seed, but for times.
         seconds: how long to measure times for, all rungs together, at least five calls of each.
         times: milliseconds of each candidate, instead of a measurement.

@@ -295,7 +295,7 @@ def nearest_at(
 
 def _drawn(positions: NDArray[np.float32], triangles: NDArray[np.int32], cull: str) -> NDArray[np.bool_]:
     """bool [T]: which triangles are finite and not culled."""
-    drawn: NDArray[np.bool_] = np.isfinite(positions[triangles]).all(axis=(1, 2))
+    drawn = np.asarray(np.isfinite(positions[triangles]).all(axis=(1, 2)))
     if cull == "none":
         return drawn
     sign = np.zeros(len(triangles))  # of the determinant of the corners' (x, y, w), which is positive for a front face
@@ -305,8 +305,7 @@ def _drawn(positions: NDArray[np.float32], triangles: NDArray[np.int32], cull: s
         (a, b, c), (d, e, f), (g, h, i) = [[Fraction(v) for v in corner] for corner in corners]
         determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
         sign[index] = (determinant > 0) - (determinant < 0)
-    kept: NDArray[np.bool_] = sign > 0 if cull == "back" else sign < 0
-    return kept
+    return np.asarray(sign > 0 if cull == "back" else sign < 0)
 
 
 def _chunks(values: NDArray[np.int64], sizes: NDArray[np.int64]) -> list[NDArray[np.int64]]:
