@@ -102,6 +102,7 @@ class Suggestion:
     evidence: tuple[Evidence, ...]  # of every rung that the device has, the fastest first
     resolution: tuple[int, int]  # height, width
     device: str  # "cpu" or "cuda"
+    machine: str  # what it is called
     pixels: int  # that were looked at for their triangle; height * width where it was all
     values: int  # of these, how many were looked at for depth and attributes
     seed: int  # of the choice of pixels
@@ -120,12 +121,11 @@ class Suggestion:
     def __str__(self) -> str:
         height, width = self.resolution
         everything = height * width
-        where = provenance.device() if self.device == "cpu" else torch.cuda.get_device_name()
         if self.meets:
             answer = f"{self.precision}: the cheapest rung that meets {self.tolerance}"
         else:
             answer = f"{self.precision}: no rung was shown to meet {self.tolerance}"
-        lines = [answer, f"{width}x{height} px, {self.device} ({where})", _looked_at(self.pixels, everything, self.seed)]
+        lines = [answer, f"{width}x{height} px, {self.device} ({self.machine})", _looked_at(self.pixels, everything, self.seed)]
         if self.values < everything:
             beyond = 1e6 * _at_most(0, self.values, everything) / everything
             lines.append(
@@ -248,6 +248,7 @@ def suggest_precision(
         evidence=tuple(sorted(evidence, key=lambda one: one.time.median)),
         resolution=(height, width),
         device=device,
+        machine=provenance.device() if device == "cpu" else torch.cuda.get_device_name(),
         pixels=len(at),
         values=len(some),
         seed=seed,
