@@ -80,6 +80,7 @@ class Row:
     commit: str
     command: str
     ms_median: float
+    ms_min: float
     ms_p25: float
     ms_p75: float
     ratio: float  # the time over that of exact in the same round: median of the rounds
@@ -454,6 +455,7 @@ def study(case: Case, rungs: Sequence[str], setting_: Setting, effort: Effort, s
                     commit=provenance.commit(),
                     command=provenance.command(),
                     ms_median=timing.median,
+                    ms_min=timing.minimum,
                     ms_p25=timing.p25,
                     ms_p75=timing.p75,
                     ratio=float(ratio),
