@@ -130,8 +130,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         for row in found:
             print(table_line(row), flush=True)
+        if options.csv:  # after every case, so that nothing is lost when a long run is stopped
+            benchmark.write_csv(options.csv, rows)
     if options.csv:
-        benchmark.write_csv(options.csv, rows)
         print(f"{len(rows)} rows in {options.csv}")
     if options.plots:
         for path in accuracy_plots.draw_all(rows, options.plots):

@@ -145,43 +145,52 @@ def masks(
 # --- of rows of large scenes
 
 
-class InRows(NamedTuple):
+class Shown(NamedTuple):
     """Pixels of the rows that ``truth.in_rows`` has, and how many of them a rung draws wrong."""
 
     pixels: int
     wrong: int  # show another triangle than they should, or one of either alone
     flips: int  # of these: show a triangle that is there, but not the nearest one
-    cracks: int  # along an edge that two triangles share: neither is drawn
-    overlaps: int  # the same: both are
 
 
-def in_rows(
+def in_rows(triangle: NDArray[np.int32], count: int, truth: Rows) -> Shown:
+    """What is wrong with ``triangle`` int32 [H, W], drawn of so many triangles."""
+    shown = triangle[truth.rows]
+    wrong = shown != truth.triangle
+    drawn = shown[wrong]
+    keys = (np.flatnonzero(wrong) * count + drawn)[drawn != BACKGROUND]
+    return Shown(shown.size, int(wrong.sum()), int(np.isin(keys, truth.pairs, assume_unique=True).sum()))
+
+
+class Seams(NamedTuple):
+    """Pixels of rows, along edges that two triangles share."""
+
+    cracks: int  # neither is drawn
+    overlaps: int  # both are
+
+
+def seams(
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],
-    triangle: NDArray[np.int32],
+    resolution: tuple[int, int],
     truth: Rows,
     neighbours: Neighbours,
     precision: str | Precision = DEFAULT,
-) -> InRows:
-    """What is wrong with ``triangle`` int32 [H, W], drawn of ``positions`` [V, 4] and ``triangles`` [T, 3] by a rung.
+) -> Seams:
+    """Of all triangles, hidden ones too, if none reaches beyond the far plane.
 
-    Cracks and overlaps are those of all triangles, hidden ones too, if none reaches beyond the far plane. They are counted
-    where the nearest edge has a triangle on either side, both facing the same way, and an outline is more than 1/8 px away:
-    there each pixel must be drawn as often as it should, wherever the rung puts the edge.
+    They are counted where the nearest edge has a triangle on either side, both facing the same way, and an outline is more than
+    1/8 px away: there each pixel must be drawn as often as it should, wherever the rung puts the edge.
     """
-    height, width = triangle.shape
-    shown = triangle[truth.rows]
-    wrong = shown != truth.triangle
-    keys = np.flatnonzero(wrong) * len(triangles) + shown[wrong]
-    flips = np.isin(keys[shown[wrong] != BACKGROUND], truth.pairs, assume_unique=True)
-    drawn = _drawn_pairs(positions, triangles, (height, width), truth.rows, precision)
-    apart = np.setxor1d(truth.pairs, drawn)
+    height, width = resolution
+    drawn = _drawn_pairs(positions, triangles, resolution, truth.rows, precision)
+    apart = np.setxor1d(truth.pairs, drawn, assume_unique=True)
     place, index = np.divmod(apart, max(1, len(triangles)))
     row, column = np.divmod(place, width)
-    between = place[neighbours.between(index, column, truth.rows[row], height, width)]
-    times = np.bincount(drawn // max(1, len(triangles)), minlength=shown.size)
-    more = times[np.unique(between)] - truth.times.reshape(-1)[np.unique(between)]
-    return InRows(shown.size, int(wrong.sum()), int(flips.sum()), int((more < 0).sum()), int((more > 0).sum()))
+    between = np.unique(place[neighbours.between(index, column, truth.rows[row], height, width)])
+    times = np.bincount(drawn // max(1, len(triangles)), minlength=truth.times.size)
+    more = times[between] - truth.times.reshape(-1)[between]
+    return Seams(int((more < 0).sum()), int((more > 0).sum()))
 
 
 def _drawn_pairs(
@@ -207,7 +216,8 @@ def _drawn_pairs(
     within = np.arange(int(length.sum())) - np.repeat(np.cumsum(length) - length, length)
     pixel = np.repeat(place[spans[:, 1]] * resolution[1] + spans[:, 2], length) + within
     # Records of one triangle may overlap where clipping is not exact: these pixels count once, as one triangle's.
-    return np.unique(pixel * len(triangles) + np.repeat(records.triangle[spans[:, 0]], length))
+    key = np.sort(pixel * len(triangles) + np.repeat(records.triangle[spans[:, 0]], length))
+    return key[np.diff(key, prepend=-1) > 0]
 
 
 class Neighbours:

@@ -86,12 +86,8 @@ def test_plots(tmp_path: Path) -> None:
         pytest.skip("the ladder is not built")
     options = ["--quick", "--seconds", "0", "--scenes", "floor", "--precision", rungs, "--plots", str(tmp_path / "plots")]
     assert command.main(options) == 0
-    assert {path.name for path in (tmp_path / "plots").iterdir()} == {
-        "costs.png",
-        "wrong_ppm.png",
-        "depth_ulp_max.png",
-        "texels_max.png",
-    }
+    drawn = {path.stem for path in (tmp_path / "plots").iterdir()}
+    assert {"costs", "wrong_pixels", "depth", "attributes"} <= drawn <= {"costs", "wrong_pixels", "cracks", "depth", "attributes"}
 
 
 @needs_extension
