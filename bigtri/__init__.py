@@ -18,6 +18,7 @@ _HOMES = {
     "ModelWarning": ".scene.readers.model",
     "Precision": ".precision",
     "Scene": ".scene.scene",
+    "Tolerance": ".study.suggest",
     "Visibility": ".ops.rasterize",
     "barycentrics": ".ops.interpolate",
     "decode_srgb": ".ops.shading",
@@ -30,6 +31,7 @@ _HOMES = {
     "rasterize": ".ops.rasterize",
     "render": ".rendering.render",
     "sample_texture": ".ops.texture",
+    "suggest_precision": ".study.suggest",
 }
 _MODULES = {"memory": ".ops.memory", "stages": ".check.stages", "verify": ".check.verify", "views": ".rendering.views"}
 
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     from .scene.load import from_trimesh, load_scene
     from .scene.readers.model import ModelWarning
     from .scene.scene import Light, Material, Scene, merge
+    from .study.suggest import Tolerance, suggest_precision
 
 __all__ = [
     "Camera",
@@ -55,6 +58,7 @@ __all__ = [
     "ModelWarning",
     "Precision",
     "Scene",
+    "Tolerance",
     "Visibility",
     "barycentrics",
     "decode_srgb",
@@ -69,6 +73,7 @@ __all__ = [
     "render",
     "sample_texture",
     "stages",
+    "suggest_precision",
     "verify",
     "views",
 ]

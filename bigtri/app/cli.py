@@ -1,4 +1,4 @@
-"""The command line: ``bigtri render``, ``info``, ``bench``, ``demo`` and ``hard-cases``.
+"""The command line: ``bigtri render``, ``info``, ``bench``, ``accuracy``, ``demo`` and ``hard-cases``.
 
 A command imports what it needs when it runs, so that --help, --version and a wrong command line are answered without torch.
 """
@@ -61,10 +61,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
             if words[:1] == ["bench"]:
-                # The benchmark has a parser of its own, --help included.
+                # The benchmark and the study have parsers of their own, --help included.
                 from . import bench
 
                 return bench.main(words[1:])
+            if words[:1] == ["accuracy"]:
+                command = "accuracy"
+                from . import accuracy
+
+                return accuracy.main(words[1:])
             options = _parser().parse_args(words)
             command = options.command
             return options.run(options)
@@ -96,6 +101,8 @@ def _parser() -> argparse.ArgumentParser:
     info.add_argument("model", type=Path, nargs="?", help="a GLB, glTF, OBJ, PLY, STL or OFF file")
     info.set_defaults(run=_info)
     commands.add_parser("bench", help="measure how fast rasterize is on this machine; see bigtri bench --help")
+    about = "what each rung of accuracy gets wrong, and its time, on this machine; see bigtri accuracy --help"
+    commands.add_parser("accuracy", help=about)
     about = "draw, explain and time a scene of large triangles"
     demo = commands.add_parser("demo", help=about, epilog="example:\n  bigtri demo --out pictures", formatter_class=raw)
     demo.add_argument("--out", type=Path, default=Path("bigtri-demo"), help="folder for the pictures (default: %(default)s)")

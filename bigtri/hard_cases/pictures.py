@@ -47,12 +47,12 @@ def draw_all(folder: Path, progress: Callable[[str], None] = lambda line: None) 
     paths = []
     for picture in PICTURES:
         progress(f"drawing {picture.name}")
-        paths.append(figure.save(folder / f"{picture.name}.png", _sheet(picture)))
+        paths.append(figure.save(folder / f"{picture.name}.png", sheet(picture)))
     return paths
 
 
-def _sheet(picture: Picture) -> Image:
-    """The three panels side by side, enlarged, titled."""
+def sheet(picture: Picture) -> Image:
+    """The three panels of a picture side by side, enlarged, titled."""
     import PIL.Image
     from PIL import ImageDraw, ImageFont
 
@@ -85,12 +85,14 @@ def _draw(mesh: Mesh, window: Box, cover: Callable[[NDArray[np.int64], Box], NDA
     return Drawn(count, index)
 
 
-def _colored(index: NDArray[np.int64]) -> Image:
+def colored(index: NDArray[np.int64]) -> Image:
+    """A colour for each triangle [H, W], the background where it is -1."""
     colors = _COLORS[(index + index // 7) % len(_COLORS)]
     return np.where((index >= 0)[..., None], colors, np.array(_BACKGROUND, np.uint8)).astype(np.uint8)
 
 
-def _marked(image: Image, missing: NDArray[np.bool_], extra: NDArray[np.bool_]) -> Image:
+def marked(image: Image, missing: NDArray[np.bool_], extra: NDArray[np.bool_]) -> Image:
+    """The image in dark greys, what is missing in pink, what is there and should not be in yellow."""
     faint = figure.faint(image, image.shape[:2], _BACKGROUND)
     return figure.tint(figure.tint(faint, missing, _GAP, 1.0), extra, _TWICE, 1.0)
 
@@ -110,10 +112,10 @@ def coverage_panels(
             plain = _draw(mesh, window, lambda xy, box: naive.coverage(variant, positive(xy), box))
         # Where triangles lie above each other by construction, the last one is shown by all.
         drawn = np.asarray(backend.draw(mesh.positions, mesh.triangles[::-1], mesh.resolution).triangle)[y0:y1, x0:x1].astype(int)
-        right = _colored(np.where(drawn < 0, -1, len(mesh.xy) - 1 - drawn))
-        left = figure.tint(_colored(plain.owner), plain.times > exact.times, _TWICE, 1.0)
+        right = colored(np.where(drawn < 0, -1, len(mesh.xy) - 1 - drawn))
+        left = figure.tint(colored(plain.owner), plain.times > exact.times, _TWICE, 1.0)
         missing, extra = plain.times < exact.times, plain.times > exact.times
-        return left, right, _marked(right, missing, extra | ((plain.owner != exact.owner) & ~missing))
+        return left, right, marked(right, missing, extra | ((plain.owner != exact.owner) & ~missing))
 
     return draw
 
@@ -133,8 +135,8 @@ def clip_panels(backend: Backend) -> tuple[Image, Image, Image]:
     for t, triangle in enumerate(triangles):
         xy = np.rint(screen[triangle].astype(np.float64) * SUBPX).astype(np.int64)
         plain[naive.coverage("tl", positive(xy), (0, 0, size[1], size[0]))] = t
-    right = _colored(drawn)
-    return _colored(plain), right, _marked(right, (plain < 0) & (drawn >= 0), (plain >= 0) & (drawn != plain))
+    right = colored(drawn)
+    return colored(plain), right, marked(right, (plain < 0) & (drawn >= 0), (plain >= 0) & (drawn != plain))
 
 
 def one_pair() -> list[Mesh]:
@@ -162,8 +164,8 @@ def depth_panels(backend: Backend) -> tuple[Image, Image, Image]:
     window = z * np.float32(0.5) + np.float32(0.5)
     pairs = [depths.naive_depth("barycentric", xy[o], window[o], x, y) for o in orders]
     plain, exact = (pairs[1] < pairs[0]).astype(int), (drawn[1] < drawn[0]).astype(int)
-    right = _colored(exact)
-    return _colored(plain), right, _marked(right, np.zeros(plain.shape, np.bool_), plain != exact)
+    right = colored(exact)
+    return colored(plain), right, marked(right, np.zeros(plain.shape, np.bool_), plain != exact)
 
 
 def _picture(name: str, how: str, note: str, draw: Callable[[Backend], tuple[Image, Image, Image]], zoom: int) -> Picture:

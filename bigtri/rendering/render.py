@@ -17,6 +17,7 @@ from ..ops.interpolate import interpolate
 from ..ops.rasterize import Visibility, rasterize
 from ..ops.shading import encode_srgb, lambert
 from ..ops.texture import sample_texture
+from ..precision import DEFAULT, Precision
 from ..reference.numerics import MAX_SIZE
 from ..scene.camera import Camera
 from ..scene.normals import face_normals
@@ -44,6 +45,7 @@ def render(
     backend: str = ...,
     plan: RenderPlan | None = ...,
     supersample: int = ...,
+    precision: str | Precision = ...,
     return_buffers: Literal[False] = ...,
 ) -> NDArray[np.uint8]: ...
 
@@ -57,6 +59,7 @@ def render(
     backend: str = ...,
     plan: RenderPlan | None = ...,
     supersample: int = ...,
+    precision: str | Precision = ...,
     return_buffers: Literal[True],
 ) -> tuple[NDArray[np.uint8], Buffers]: ...
 
@@ -69,6 +72,7 @@ def render(
     backend: str = "auto",
     plan: RenderPlan | None = None,
     supersample: int = 1,
+    precision: str | Precision = DEFAULT,
     return_buffers: bool = False,
 ) -> NDArray[np.uint8] | tuple[NDArray[np.uint8], Buffers]:
     """Draw ``scene`` as ``camera`` sees it, or as each of several cameras does, in one call.
@@ -80,6 +84,7 @@ def render(
         backend: "auto", "reference" or "native"; the bits are the same.
         plan: the effects to run; None: those that the scene calls for.
         supersample: N: samples per pixel along each axis, averaged in linear light.
+        precision: what ``rasterize`` and ``interpolate`` draw with, but for depth that is reversed, which a camera's is not.
         return_buffers: also return what the picture was made from.
 
     Returns:
@@ -100,6 +105,10 @@ def render(
     if not (isinstance(supersample, int) and supersample >= 1):
         raise ValueError(f"bigtri.render: supersample must be a whole number of at least 1, got {supersample!r}")
     _check_type("plan", plan, (RenderPlan, type(None)), "a RenderPlan or None")
+    if arguments.check_precision("render", precision).reversed:
+        raise ValueError(
+            f"bigtri.render: precision must be one that takes window depth, which is what a Camera makes, got {precision!r}"
+        )
     arguments.check_flag("render", "return_buffers", return_buffers)
     rows, columns = arguments.check_image_size("render", "resolution", resolution)
     height, width = rows * supersample, columns * supersample
@@ -114,9 +123,17 @@ def render(
         clip = np.stack([c.transform(scene.positions, columns / rows, scene.origin) for c in cameras])
     positions, triangles = torch.from_numpy(clip), torch.from_numpy(scene.triangles)
     with _timed(seconds, "rasterize"):
-        seen = rasterize(positions, triangles, (height, width), backend=backend, cull=scene.cull, depth=return_buffers)
+        seen = rasterize(
+            positions,
+            triangles,
+            (height, width),
+            backend=backend,
+            precision=precision,
+            cull=scene.cull,
+            depth=return_buffers,
+        )
     with _timed(seconds, "attributes"):
-        attributes = _interpolated(scene, plan, seen, positions, triangles, backend)
+        attributes = _interpolated(scene, plan, seen, positions, triangles, backend, precision)
     surface = _Surface(scene, seen)
     with _timed(seconds, "texture"):
         albedo = _albedo(scene, plan, surface, attributes, backend)
@@ -181,7 +198,13 @@ class _Surface:
 
 
 def _interpolated(
-    scene: Scene, plan: RenderPlan, seen: Visibility, positions: torch.Tensor, triangles: torch.Tensor, backend: str
+    scene: Scene,
+    plan: RenderPlan,
+    seen: Visibility,
+    positions: torch.Tensor,
+    triangles: torch.Tensor,
+    backend: str,
+    precision: str | Precision,
 ) -> dict[str, torch.Tensor]:
     """The vertex attributes that the plan needs and the scene has, [B, H, W, C] each, in one pass over the buffer."""
     wanted = {"uvs": plan.textures, "colors": plan.vertex_colors, "normals": plan.smooth_normals and plan.lights}
@@ -189,7 +212,7 @@ def _interpolated(
     if not present:
         return {}
     together = torch.from_numpy(np.concatenate(list(present.values()), axis=1))
-    result = _tensor(interpolate(together, seen, positions, triangles, backend=backend))
+    result = _tensor(interpolate(together, seen, positions, triangles, backend=backend, precision=precision))
     return dict(zip(present, result.split([a.shape[1] for a in present.values()], dim=-1), strict=True))
 
 

@@ -7,7 +7,7 @@ what the code can do, the distance between the quartiles how far to trust the me
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -43,6 +43,28 @@ def clock(call: Callable[[], object], seconds: float, warm: int = 2, at_least: i
         start = time.perf_counter()
         call()
         ms.append((time.perf_counter() - start) * 1e3)
+    return ms
+
+
+def interleaved(
+    calls: Mapping[str, Callable[[], object]], seconds: float, at_least: int = 5, at_most: int = 400
+) -> dict[str, list[float]]:
+    """Milliseconds of each call by name, one of each a round, for about `seconds` but at least `at_least` rounds.
+
+    Each round has an order of its own, so that no call always comes after the same one; the first round does not count.
+    """
+    rng = np.random.default_rng(0)
+    names = list(calls)
+    ms: dict[str, list[float]] = {name: [] for name in names}
+    end = time.perf_counter() + seconds
+    done = -1
+    while done < at_least or (time.perf_counter() < end and done < at_most):
+        for name in rng.permutation(names).tolist():
+            start = time.perf_counter()
+            calls[name]()
+            if done >= 0:
+                ms[name].append((time.perf_counter() - start) * 1e3)
+        done += 1
     return ms
 
 

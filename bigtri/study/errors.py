@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from .. import reference
+from .. import native, reference
+from ..check import stages
+from ..ops import arguments
 from ..ops.rasterize import rasterize
 from ..precision import DEFAULT, EXACT, Arithmetic, Precision
 from ..reference.numerics import TILE
-from .truth import BACKGROUND, Seen
+from .truth import BACKGROUND, Rows, Seen
 
 
 class Coverage(NamedTuple):
@@ -138,3 +140,126 @@ def masks(
     tiles = np.unique(np.stack([spans[:, 0], spans[:, 1] // TILE, spans[:, 2] // TILE], axis=1), axis=0)
     count = [sum(int(mask).bit_count() for mask in of_all.view(np.uint64)) for of_all in (touched, full)]
     return Masks(touched=count[0], empty=count[0] - len(tiles), full=count[1])
+
+
+# --- of rows of large scenes
+
+
+class Shown(NamedTuple):
+    """Pixels of the rows that ``truth.in_rows`` has, and how many of them a rung draws wrong."""
+
+    pixels: int
+    wrong: int  # show another triangle than they should, or one of either alone
+    flips: int  # of these: show a triangle that is there, but not the nearest one
+
+
+def in_rows(triangle: NDArray[np.int32], count: int, truth: Rows) -> Shown:
+    """What is wrong with ``triangle`` int32 [H, W], drawn of so many triangles."""
+    shown = triangle[truth.rows]
+    wrong = shown != truth.triangle
+    drawn = shown[wrong]
+    keys = (np.flatnonzero(wrong) * count + drawn)[drawn != BACKGROUND]
+    return Shown(shown.size, int(wrong.sum()), int(np.isin(keys, truth.pairs, assume_unique=True).sum()))
+
+
+class Seams(NamedTuple):
+    """Pixels of rows, along edges that two triangles share."""
+
+    cracks: int  # neither is drawn
+    overlaps: int  # both are
+
+
+def seams(
+    positions: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    resolution: tuple[int, int],
+    truth: Rows,
+    neighbours: Neighbours,
+    precision: str | Precision = DEFAULT,
+) -> Seams:
+    """Of all triangles, hidden ones too, if none reaches beyond the far plane.
+
+    They are counted where the nearest edge has a triangle on either side, both facing the same way, and an outline is more than
+    1/8 px away: there each pixel must be drawn as often as it should, wherever the rung puts the edge.
+    """
+    height, width = resolution
+    drawn = _drawn_pairs(positions, triangles, resolution, truth.rows, precision)
+    apart = np.setxor1d(truth.pairs, drawn, assume_unique=True)
+    place, index = np.divmod(apart, max(1, len(triangles)))
+    row, column = np.divmod(place, width)
+    between = np.unique(place[neighbours.between(index, column, truth.rows[row], height, width)])
+    times = np.bincount(drawn // max(1, len(triangles)), minlength=truth.times.size)
+    more = times[between] - truth.times.reshape(-1)[between]
+    return Seams(int((more < 0).sum()), int((more > 0).sum()))
+
+
+def _drawn_pairs(
+    positions: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    resolution: tuple[int, int],
+    rows: NDArray[np.int64],
+    precision: str | Precision,
+) -> NDArray[np.int64]:
+    """int64, in order: the pairs of a rung as ``truth.Rows`` has them, every triangle drawn by itself."""
+    arithmetic = arguments.check_precision("study.errors", precision)
+    # The extension has no stages for vertices that are not snapped, nor for a precision that has no name.
+    native_too = native.available() and not arithmetic.is_unsnapped and arithmetic.name in native.REGISTRY["cpu"]
+    backend = "native" if native_too else "reference"
+    records, _ = stages.setup(positions, triangles, *resolution, backend=backend, precision=precision)
+    every = np.arange(len(records.triangle), dtype=np.int32)
+    no_queue, no_tiles = np.empty((0, 3), np.int32), np.empty(0, np.int64)
+    spans = stages.scanline(records, no_queue, no_tiles, every, backend=backend, precision=precision).astype(np.int64)
+    place = np.full(resolution[0], -1)
+    place[rows] = np.arange(len(rows))
+    spans = spans[place[spans[:, 1]] >= 0]
+    length = spans[:, 3] - spans[:, 2]
+    within = np.arange(int(length.sum())) - np.repeat(np.cumsum(length) - length, length)
+    pixel = np.repeat(place[spans[:, 1]] * resolution[1] + spans[:, 2], length) + within
+    # Records of one triangle may overlap where clipping is not exact: these pixels count once, as one triangle's.
+    key = np.sort(pixel * len(triangles) + np.repeat(records.triangle[spans[:, 0]], length))
+    return key[np.diff(key, prepend=-1) > 0]
+
+
+class Neighbours:
+    """Which edges of a mesh two triangles share that face the same way; vertices in the same place are one."""
+
+    def __init__(self, positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> None:
+        _, vertex = np.unique(positions, axis=0, return_inverse=True)
+        corners = vertex.reshape(-1)[triangles].astype(np.int64)  # [T, 3]
+        clip = positions[triangles].astype(np.float64)
+        view = clip[..., [0, 1, 3]]
+        # Of each edge, opposite corner k, the factors of X, Y and 1 of the function that is 0 along it.
+        self._normal = np.cross(np.roll(view, -1, axis=1), np.roll(view, -2, axis=1))
+        with np.errstate(all="ignore"):
+            self._corner = np.where(clip[..., 3:] > 0, clip[..., :2] / clip[..., 3:], np.inf)  # [T, 3, 2]
+        facing = (self._normal[:, 0] * view[:, 0]).sum(axis=1) > 0
+        a, b = np.roll(corners, -1, axis=1).reshape(-1), np.roll(corners, -2, axis=1).reshape(-1)
+        edge = np.minimum(a, b) * (int(corners.max(initial=0)) + 1) + np.maximum(a, b)
+        order = np.argsort(edge, kind="stable")
+        _, first, count = np.unique(edge[order], return_index=True, return_counts=True)
+        two = first[count == 2]
+        one, other = order[two], order[two + 1]
+        # Seen from the two sides, the edge runs in opposite directions if they face the same way; folds do not count.
+        joined = (facing[one // 3] == facing[other // 3]) & (a[one] == b[other])
+        shared = np.zeros(edge.size, np.bool_)
+        shared[one[joined]] = shared[other[joined]] = True
+        self._shared = shared.reshape(-1, 3)
+        outline = np.zeros(int(corners.max(initial=0)) + 1, np.bool_)
+        outline[a[~shared]] = outline[b[~shared]] = True
+        self._outline = outline[corners]  # [T, 3], whether a corner lies on an edge that is not shared
+
+    def between(
+        self, index: NDArray[np.int64], column: NDArray[np.int64], row: NDArray[np.int64], height: int, width: int
+    ) -> NDArray[np.bool_]:
+        """Whether the nearest edge of triangles ``index`` is a shared one, and an outline more than 1/8 px from the pixel."""
+        x, y = (2 * column + 1) / width - 1, 1 - (2 * row + 1) / height
+        n = self._normal[index]
+        with np.errstate(all="ignore"):
+            away = np.abs(n[..., 0] * x[:, None] + n[..., 1] * y[:, None] + n[..., 2])
+            away = away / np.hypot(n[..., 0] * 2 / width, n[..., 1] * 2 / height)  # px
+            corner = self._corner[index]
+            off = np.hypot((corner[..., 0] - x[:, None]) * width / 2, (corner[..., 1] - y[:, None]) * height / 2)
+        shared = self._shared[index]
+        nearest = shared[np.arange(len(index)), np.argmin(away, axis=1)]
+        clear = np.where(shared, np.inf, away).min(axis=1, initial=np.inf) > 0.125
+        return nearest & clear & (np.where(self._outline[index], off, np.inf).min(axis=1, initial=np.inf) > 0.125)

@@ -213,7 +213,11 @@ def imported(*arguments):
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--version"], ["--help"], *([command, "--help"] for command in ("render", "info", "bench", "demo", "hard-cases"))],
+    [
+        ["--version"],
+        ["--help"],
+        *([command, "--help"] for command in ("render", "info", "bench", "accuracy", "demo", "hard-cases")),
+    ],
     ids=" ".join,
 )
 def test_help_imports_no_torch(arguments):

@@ -167,6 +167,20 @@ def test_backends_agree_in_bits():
             assert one is two is None or one.tobytes() == two.tobytes()
 
 
+def test_precision_reaches_coverage_and_attributes():
+    """Each picture is what the reference draws; a coarser grid moves edges, and weights without perspective move textures."""
+    scene = varied()
+    pictures = {
+        name: render(scene, VARIED_CAMERAS[0], (30, 40), precision=name, backend="reference", return_buffers=True)
+        for name in ("exact", "subpixel4", "attributes_affine")
+    }
+    seen = {name: buffers.visibility.packed for name, (_, buffers) in pictures.items()}
+    assert np.array_equal(pictures["exact"][0], render(scene, VARIED_CAMERAS[0], (30, 40)))
+    assert not np.array_equal(seen["subpixel4"], seen["exact"])
+    assert np.array_equal(seen["attributes_affine"], seen["exact"])
+    assert not np.array_equal(pictures["attributes_affine"][1].albedo, pictures["exact"][1].albedo)
+
+
 def test_batches_are_single_views():
     scene = varied()
     image, buffers = render(scene, VARIED_CAMERAS, (45, 60), return_buffers=True)
@@ -250,6 +264,8 @@ print(*(int(p.sum()) for p in pictures))
         ((quad(), FRONT, (4.0, 4)), {}, TypeError, "resolution must be"),
         ((quad(), FRONT, (4, 8193)), {"supersample": 2}, ValueError, "supersample must be such that .* at most 16384, got 2"),
         ((quad(), FRONT, (4, 4)), {"plan": "all"}, TypeError, "plan must be a RenderPlan or None, got 'all'"),
+        ((quad(), FRONT, (4, 4)), {"precision": "vague"}, ValueError, "precision must be one of 'exact', .*, got 'vague'"),
+        ((quad(), FRONT, (4, 4)), {"precision": "depth_reversed"}, ValueError, "precision must be one that takes window depth"),
         ((quad(), FRONT, (4, 4)), {"return_buffers": np.ones(2)}, TypeError, "return_buffers must be True or False, got float64"),
     ],
 )

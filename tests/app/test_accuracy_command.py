@@ -1,0 +1,99 @@
+"""`bigtri accuracy`: what it writes, what it says, and how it fails. Nothing here asserts a time."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import sys
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from bigtri import native
+from bigtri.app import accuracy as command
+from bigtri.app import cli
+from bigtri.study import accuracy
+
+needs_extension = pytest.mark.skipif(not native.available(), reason="the extension is not built")
+FEW = ["--quick", "--seconds", "0", "--precision", "subpixel4"]
+
+
+@needs_extension
+def test_rows_in_a_file_and_on_the_screen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, model = tmp_path / "rows.csv", tmp_path / "box.ply"
+    trimesh.creation.box().export(model)
+    options = [*FEW, "--scenes", "ties,R4k", "--model", str(model), "--size", "96x64,64x64", "--csv", str(path)]
+    assert cli.main(["accuracy", *options]) == 0
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == [field.name for field in dataclasses.fields(accuracy.Row)]
+    cases = ["ties 256x256", "R4k 96x64", "box.ply 96x64", "R4k 64x64", "box.ply 64x64"]
+    assert list(dict.fromkeys(f"{row['scene']} {row['width']}x{row['height']}" for row in rows)) == cases
+    assert [row["precision"] for row in rows[:3]] == ["exact", accuracy.CONTROL, "subpixel4"]
+    assert float(rows[0]["wrong_ppm"]) == 0 and rows[1]["wrong_ppm"] == "" and rows[0]["isa"] == native.isa()
+    printed = capsys.readouterr().out
+    assert "box.ply, 12 triangles, 96x64 px, two_stage, 1 threads" in printed and "subpixel4" in printed
+
+
+@needs_extension
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--scenes", "S99"], "scene must be one of ties, "),
+        (["--scenes", "S1", "--size", "10x10"], "which is too small"),
+        (["--precision", "none"], "precision must be one of exact, "),
+        (["--variant", "none"], "--variant must be one that 'exact' has on cpu, got 'none'"),
+        (["--variant", "bin_owned", "--precision", "depth_stored16"], "precision must be one of exact, subpixel4"),
+        (["--isa", "none"], "instruction set must be one of"),
+        (["--device", "none"], "argument --device: invalid choice"),
+        (["--csv", "{folder}"], "argument --csv: must be a file, got the folder"),
+    ],
+)
+def test_a_wrong_command_line_measures_nothing(
+    options: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(accuracy, "study", lambda *_: pytest.fail("measured"))
+    with pytest.raises(SystemExit) as stopped:
+        command.main([option.format(folder=tmp_path) for option in options])
+    assert stopped.value.code == 2
+    assert text in capsys.readouterr().err
+
+
+def test_a_device_that_is_not_built(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(native, "REGISTRY", {"cpu": native.REGISTRY.get("cpu", {})})
+    monkeypatch.setattr(native, "available", lambda: True)
+    with pytest.raises(SystemExit):
+        command.main(["--device", "cuda"])
+    assert "--device must be one of cpu, as the extension is built here, got cuda" in capsys.readouterr().err
+
+
+def test_plots_without_matplotlib(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.delitem(sys.modules, "bigtri.study.accuracy_plots", raising=False)
+    monkeypatch.setattr(accuracy, "study", lambda *_: pytest.fail("measured"))
+    assert cli.main(["accuracy", "--quick", "--plots", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == (
+        "bigtri accuracy: --plots needs matplotlib, which is not installed: pip install 'bigtri[bench]' brings it\n"
+    )
+
+
+@needs_extension
+def test_plots(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    rungs = "subpixel4,depth_stored16,attributes_affine"
+    if not set(rungs.split(",")) <= set(native.REGISTRY["cpu"]):
+        pytest.skip("the ladder is not built")
+    options = ["--quick", "--seconds", "0", "--scenes", "floor", "--precision", rungs, "--plots", str(tmp_path / "plots")]
+    assert command.main(options) == 0
+    drawn = {path.stem for path in (tmp_path / "plots").iterdir()}
+    assert {"costs", "wrong_pixels", "depth", "attributes"} <= drawn <= {"costs", "wrong_pixels", "cracks", "depth", "attributes"}
+
+
+@needs_extension
+def test_breaks(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    from bigtri.study import breaks
+
+    monkeypatch.setattr(breaks, "BREAKS", {"subpixel4": breaks.BREAKS["subpixel4"]})
+    assert command.main(["--breaks", str(tmp_path / "new")]) == 0
+    assert capsys.readouterr().out.split() == [str(tmp_path / "new" / "subpixel4.png")]
