@@ -70,8 +70,8 @@ def _fronts(rows: Sequence[Row], kind: Kind, folder: Path) -> Path | None:
     panels = []
     for here in _cases(rows):
         shown = [r for r in here if r.axis in (*kind.axes, "none") and kind.of(r) is not None]
-        # A scene on which all do the same says nothing.
-        if len({kind.of(row) for row in shown}) > 1:
+        found = [kind.of(row) or kind.least for row in shown]
+        if max(found) > 2 * min(found):  # a scene on which all do about the same says nothing
             panels.append((here, shown))
     if not panels:
         return None
@@ -82,6 +82,9 @@ def _fronts(rows: Sequence[Row], kind: Kind, folder: Path) -> Path | None:
         _front(axes, here, shown, kind)
     for axes in all_axes.flat[len(panels) :]:
         axes.set_axis_off()
+    if len(kind.axes) > 1:
+        handles = [plt.Line2D([], [], marker="o", linestyle="", color=_COLORS[axis], label=axis) for axis in kind.axes]
+        figure.legend(handles=handles, loc="lower right", ncols=len(handles), frameon=False, fontsize=8)
     figure.supylabel(kind.title + " (log)", size=10)
     figure.supxlabel("time over that of exact in the same round", size=10, y=0.03)
     return _saved(figure, folder / f"{kind.name}.png", rows[0])
@@ -93,7 +96,7 @@ def _front(axes: Axes, here: Sequence[Row], shown: Sequence[Row], kind: Kind) ->
     axes.axvspan(control.ratio_p25, control.ratio_p75, color="0.88", zorder=0)
     # What the clock cannot tell from exact costs as much as exact.
     costs = [1.0 if control.ratio_p25 <= ratio <= control.ratio_p75 else ratio for ratio, _ in points]
-    best = set(front([(cost, error) for cost, (_, error) in zip(costs, points, strict=True)]))
+    best = set(front([(cost, float(f"{error:.1e}")) for cost, (_, error) in zip(costs, points, strict=True)]))
     names = _joined([(row.precision, point) for row, point in zip(shown, points, strict=True)])
     line = sorted(points[k] for k in best)
     axes.plot([x for x, _ in line], [y for _, y in line], color="0.5", linewidth=1, zorder=1, drawstyle="steps-post")
@@ -104,7 +107,8 @@ def _front(axes: Axes, here: Sequence[Row], shown: Sequence[Row], kind: Kind) ->
             x, y, xerr=spread, fmt="o", markersize=6, color=_COLORS[row.axis], markerfacecolor=filled, elinewidth=0.8, zorder=2
         )
     for text, (x, y) in names:
-        axes.annotate(text, (x, y), (5, 3), textcoords="offset points", size=6.5)
+        box = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.7}
+        axes.annotate(text, (x, y), (6, 4), textcoords="offset points", size=6.5, bbox=box)
     axes.set_yscale("log")
     axes.margins(x=0.3, y=0.22)
     axes.grid(alpha=0.3)
@@ -115,10 +119,10 @@ def _joined(named: Sequence[tuple[str, tuple[float, float]]]) -> list[tuple[str,
     """Labels, those of points that nearly coincide in one, a line each."""
     result: list[tuple[list[str], tuple[float, float]]] = []
     all_x = [x for _, (x, _) in named]
-    reach = 0.13 * (max(all_x) - min(all_x))
+    reach = 0.3 * (max(all_x) - min(all_x))
     for name, (x, y) in sorted(named, key=lambda one: one[1][0]):
         short = name.removeprefix("coverage_").removeprefix("depth_").removeprefix("attributes_")
-        near = next((r for r in result if abs(r[1][0] - x) < reach and 1 / 2.5 < r[1][1] / y < 2.5), None)
+        near = next((r for r in result if abs(r[1][0] - x) < reach and 1 / 1.5 < r[1][1] / y < 1.5), None)
         if near is None:
             result.append(([short], (x, y)))
         else:
