@@ -108,6 +108,6 @@ class _Posed:
         key = tuple(id(array) for array in (positions, normals, primitive.joints, primitive.weights))
         if key not in self._known:
             matrices = blended(self._joints, primitive.joints, primitive.weights, primitive.place)
-            mirrored = 2 * np.count_nonzero(np.linalg.det(matrices[:, :3, :3]) < 0) > len(matrices)
+            mirrored = bool(2 * np.count_nonzero(np.linalg.det(matrices[:, :3, :3]) < 0) > len(matrices))
             self._known[key] = placed(matrices, positions), None if normals is None else turned(matrices, normals), mirrored
         return self._known[key]
