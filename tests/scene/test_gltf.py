@@ -638,8 +638,11 @@ def test_a_texture_without_coordinates_is_said(load):
     assert quarter_colors(load(file, said=["has a texture, but a mesh of it has no coordinates for it"])) == [WHITE] * 4
 
 
-def test_positions_beyond_float32_are_said(load):
-    load(quad(node={"scale": [1e300, 1e300, 1]}), said=["positions are not finite, or beyond float32"])
+@pytest.mark.parametrize(
+    "node", [{"scale": [1e300, 1e300, 1]}, {"translation": [1e308, 0, 0], "scale": [1e-3] * 3}, {"translation": [1.7e308, 0, 0]}]
+)
+def test_positions_beyond_float32_are_said(load, node):
+    load(quad(node=node), said=["positions are not finite, or beyond float32"])
 
 
 def test_strict_is_true_or_false():

@@ -288,7 +288,8 @@ def test_broken_files(tmp_path, text, error):
 def test_texts_of_two_encodings(scene):
     """Each line of a library is text of its own: one that is not UTF-8 leaves the others as they are."""
     library = b"# \xfc\nnewmtl gr\xc3\xbcn\nKd 0 1 0\n"
-    assert middle_color(scene("mtllib file.mtl\n" + TEXTURED.replace("m\n", "gr\u00fcn\n"), others={"file.mtl": library})) == GREEN
+    text = "mtllib file.mtl\nusemtl gr\u00fcn\n" + CORNERS + "f 1 2 3 4\n"
+    assert middle_color(scene(text, others={"file.mtl": library})) == GREEN
 
 
 def test_transparency_and_emission_are_carried(painted):
