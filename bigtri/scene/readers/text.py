@@ -41,3 +41,20 @@ def numbers(text: bytes, kind: type[np.float64] | type[np.int64], what: str) -> 
         except ValueError:
             raise ModelError(f"{what} must be {wanted}, got {word[:40].decode('latin-1')!r}") from None
     raise ModelError(f"{what} must be {wanted}")
+
+
+def leading_numbers(text: bytes) -> tuple[NDArray[np.float64], bytes]:
+    """The numbers at the beginning of a text, and what follows them from the first word on that is none."""
+    try:
+        return numbers(text, np.float64, ""), b""
+    except ModelError:
+        end = next((match.start() for match in re.finditer(rb"\S+", text) if not _is_number(match[0])), len(text))
+        return numbers(text[:end], np.float64, ""), text[end:]
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
