@@ -66,8 +66,8 @@ class Header(NamedTuple):
 def read_elements(data: bytes) -> tuple[list[Element], list[str]]:
     """All elements of a file, and its comments.
 
-    A file that ends early has fewer rows in the element where it ends, and none in those after it; a word of an ASCII file that the
-    end has cut is not there. What follows the last element is left alone.
+    A file that ends early has fewer rows in the element where it ends, and none in those after it. A word of an ASCII file that
+    its end has cut counts as missing. What follows the last element is left alone.
 
     Raises:
         ModelError: the header or a row is broken.
