@@ -92,6 +92,7 @@ def test_the_size_of_chunks_means_nothing(tmp_path, monkeypatch):
     [
         ([(1, -1), (1, 0), (0, 0), (0, 1), (-1, 1), (-1, -1)], 2028),  # an L
         ([(1, -1), (0, 1), (-1, -1), (0, 0)], 676),  # an arrowhead
+        ([(1, -1), (0, 1), (-1, -1), (0, 0), (0, 0)], 676),  # its concave corner is there twice
     ],
 )
 def test_concave_polygons(scene, corners, count):
