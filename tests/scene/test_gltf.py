@@ -905,3 +905,11 @@ def test_images_in_other_formats_beside_one_that_is_read(load, tmp_path, name):
     assert quarter_colors(load(file)) == [RED, GREEN, BLUE, WHITE]
     file.json["extensionsRequired"] = [name]
     assert error_of(file, tmp_path).startswith(f"the file requires {name}")
+
+
+def test_instances_without_data(tmp_path):
+    file = quad()
+    zeros = file.add("accessors", componentType=5126, count=2**24, type="VEC3")
+    file.json["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": zeros}}}
+    text = "EXT_mesh_gpu_instancing.attributes.TRANSLATION must have a bufferView or sparse values, got accessors[2] of neither"
+    assert error_of(file, tmp_path).endswith(text)
