@@ -90,7 +90,8 @@ def instances(node: JsonObject, accessors: Accessors, count: int) -> NDArray[np.
         if name in attributes:
             index = attributes.index(name, count, "accessors")
             if not accessors.has_data(index):  # a few bytes would announce millions of places
-                raise ModelError(f"{attributes.at(name)} must have a bufferView or sparse values, got accessors[{index}] of neither")
+                wanted = f"{attributes.at(name)} must have a bufferView or sparse values"
+                raise ModelError(f"{wanted}, got accessors[{index}] of neither")
             parts[name] = accessors.floats(index, (kind,), np.float64)
     if not parts:
         return np.eye(4)[None]
