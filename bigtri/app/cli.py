@@ -183,6 +183,7 @@ def _info(options: argparse.Namespace) -> int:
     if options.model is not None:
         from . import model_info
 
+        _say(f"reading {options.model}")
         print(model_info.describe(options.model))
     else:
         from . import info

@@ -88,6 +88,11 @@ def split_normals(
     return source, copy, normals
 
 
+def smooth_normals(positions: NDArray[np.float32], triangles: NDArray[np.int32], place: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Normals float32 [V, 3] as ``split_normals`` has them without any crease; (0, 0, 0) where no triangle has an area."""
+    return _rounded(_unit(_sums(positions, triangles, place)))[place]
+
+
 def is_closed(positions: NDArray[np.float32], triangles: NDArray[np.int32], place: NDArray[np.int32] | None = None) -> bool:
     """Whether the mesh is the closed surface of a solid, its front faces outside.
 

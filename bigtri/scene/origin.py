@@ -29,11 +29,12 @@ def origin_for(bounds: NDArray[np.float64]) -> Vector:
     """
     with np.errstate(over="ignore"):
         size, farthest = float((bounds[1] - bounds[0]).max()), float(np.abs(bounds).max())
-    if not 0 < _FARTHEST * size < farthest < math.inf:
-        return WORLD_ORIGIN
-    step = math.ldexp(0.5, math.frexp(size)[1])
-    x, y, z = (np.rint((bounds[0] + bounds[1]) / 2 / step) * step + 0.0).tolist()  # + 0.0: none is -0
-    return x, y, z
+        if not 0 < _FARTHEST * size < farthest < math.inf:
+            return WORLD_ORIGIN
+        step = math.ldexp(0.5, math.frexp(size)[1])
+        x, y, z = (np.rint((bounds[0] + bounds[1]) / 2 / step) * step + 0.0).tolist()  # + 0.0: none is -0
+    # Near the end of float64's range the centre is beyond it, or its number of steps.
+    return (x, y, z) if all(map(math.isfinite, (x, y, z))) else WORLD_ORIGIN
 
 
 def relative(positions: Sequence[NDArray[np.float64]]) -> tuple[Vector, list[NDArray[np.float32]]]:

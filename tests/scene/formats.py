@@ -32,8 +32,9 @@ def read(path: Path):
 def scene_of(path: Path, *findings: str):
     """The scene of a file that has these kinds of findings and no others."""
     model = read(path)
+    made = assemble(model)
     assert tuple(model.findings) == findings, model.findings
-    return assemble(model)
+    return made
 
 
 def seen(scene):

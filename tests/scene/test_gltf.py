@@ -635,11 +635,14 @@ def test_points_and_lines_are_said(load, tmp_path, mode):
 
 def test_a_texture_without_coordinates_is_said(load):
     file = textured_quad(reference={"texCoord": 3})
-    assert quarter_colors(load(file, said=["its mesh has no TEXCOORD_3"])) == [WHITE] * 4
+    assert quarter_colors(load(file, said=["has a texture, but a mesh of it has no coordinates for it"])) == [WHITE] * 4
 
 
-def test_positions_beyond_float32_are_said(load):
-    load(quad(node={"scale": [1e300, 1e300, 1]}), said=["positions are not finite, or beyond float32"])
+@pytest.mark.parametrize(
+    "node", [{"scale": [1e300, 1e300, 1]}, {"translation": [1e308, 0, 0], "scale": [1e-3] * 3}, {"translation": [1.7e308, 0, 0]}]
+)
+def test_positions_beyond_float32_are_said(load, node):
+    load(quad(node=node), said=["positions are not finite, or beyond float32"])
 
 
 def test_strict_is_true_or_false():
@@ -841,3 +844,72 @@ def test_an_image_of_another_size_of_alpha(load):
     file.json["images"] = [{"bufferView": file.view(encoded(pixels))}]
     assert Image.fromarray(pixels).mode == "RGBA"
     assert quarter_colors(load(file)) == [RED, GREEN, BLUE, WHITE]
+
+
+def test_a_node_that_flattens_keeps_the_normal_of_its_plane(load):
+    up = np.tile(np.float32((0, 0, 1)), (4, 1))
+    assert load(quad({"NORMAL": up}, node={"scale": [2, 2, 0]})).normals.tolist() == up.tolist()
+
+
+@pytest.mark.parametrize("lost", [(0, 0, 0), (np.nan, 0, 1), (np.inf, 0, 1)])
+def test_normals_without_a_direction_are_those_of_the_surface(load, lost):
+    normals = np.tile(np.float32((0, 0.6, 0.8)), (4, 1))
+    normals[2] = lost
+    scene = load(quad({"NORMAL": normals}), said=["1 normals have no direction"])
+    assert scene.normals[2].tolist() == [0, 0, 1] and (scene.normals[[0, 1, 3]] == normals[0]).all()
+    # A vertex of nothing that is drawn needs none.
+    load(quad({"NORMAL": normals}, indices=np.array([0, 1, 3, 2, 2, 2], np.uint8)))
+
+
+def test_a_mirrored_skin_shows_its_front(load):
+    file = gltf_files.skin_at_rest()
+    file.json["nodes"][1] |= {"translation": [0, 0, 0], "scale": [-1, 1, 1]}
+    scene = load(file)
+    assert scene.bounds.tolist() == [[0, -1, 0], [2, 1, 0]]
+    assert (face_normals(scene.positions, scene.triangles) == (0, 0, 1)).all()
+
+
+def test_nothing_instanced_is_nothing_drawn(tmp_path):
+    file = quad()
+    nowhere = file.accessor(np.zeros((0, 3), np.float32), bufferView=0)
+    file.json["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": nowhere}}}
+    assert error_of(file, tmp_path).startswith("there are no triangles in it")
+
+
+def test_colors_in_integers_are_normalized_anyway(load):
+    file = File()
+    colors = file.accessor(np.tile(np.array((255, 51, 0, 255), np.uint8), (4, 1)))
+    file.node(file.primitive({"POSITION": QUAD, "COLOR_0": colors}, QUAD_INDICES))
+    assert load(file, said=["integers that are not normalized"]).colors.tolist() == [[1, np.float32(0.2), 0]] * 4
+
+
+def test_colors_beyond_0_to_1_are_the_nearest_that_is(load):
+    file = quad({"COLOR_0": np.tile(np.float32((2, -1, np.nan)), (4, 1))})
+    assert load(file, said=["colours that are not from 0 to 1"]).colors.tolist() == [[1, 0, 0]] * 4
+    file = quad()
+    file.json["meshes"][0]["primitives"][0]["material"] = file.material(baseColorFactor=[1e300, -1, 0.25, 3])
+    (material,) = load(file, said=["colours that are not from 0 to 1"]).materials
+    assert material.base_color == (1, 0, 0.25) and material.alpha == 1
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_texture_coordinates_beyond_float32_are_said(load, value):
+    load(textured_quad(uvs=np.full((4, 2), value, np.float32)), said=["texture coordinates are not finite"])
+
+
+@pytest.mark.parametrize("name", ["KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"])
+def test_images_in_other_formats_beside_one_that_is_read(load, tmp_path, name):
+    file = textured_quad()
+    file.json["extensionsUsed"] = [name]
+    file.json["textures"][0]["extensions"] = {name: {"source": file.add("images", uri="nothere.ktx2")}}
+    assert quarter_colors(load(file)) == [RED, GREEN, BLUE, WHITE]
+    file.json["extensionsRequired"] = [name]
+    assert error_of(file, tmp_path).startswith(f"the file requires {name}")
+
+
+def test_instances_without_data(tmp_path):
+    file = quad()
+    zeros = file.add("accessors", componentType=5126, count=2**24, type="VEC3")
+    file.json["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": zeros}}}
+    text = "EXT_mesh_gpu_instancing.attributes.TRANSLATION must have a bufferView or sparse values, got accessors[2] of neither"
+    assert error_of(file, tmp_path).endswith(text)

@@ -7,6 +7,7 @@ from gltf_files import encoded, quarters
 
 from bigtri.reference.shading import decode_table
 from bigtri.scene.readers import obj_lines
+from bigtri.scene.readers.assemble import assemble
 from bigtri.scene.readers.model import ModelError
 
 CORNERS = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\n"
@@ -63,6 +64,7 @@ def painted(scene):
         "o a\ng b c\ns 1\nmg 1 2\nusemtl\n" + SQUARE,
         CORNERS + UVS + "vn 0 0 1\nf 1 2/2 3//1 4/4/1\n",  # corners that have different things
         CORNERS + "f 1/ 2/0 3// 4\n",
+        SQUARE + "\0\0\x1a",
     ],
 )
 def test_a_square(scene, text):
@@ -90,6 +92,7 @@ def test_the_size_of_chunks_means_nothing(tmp_path, monkeypatch):
     [
         ([(1, -1), (1, 0), (0, 0), (0, 1), (-1, 1), (-1, -1)], 2028),  # an L
         ([(1, -1), (0, 1), (-1, -1), (0, 0)], 676),  # an arrowhead
+        ([(1, -1), (0, 1), (-1, -1), (0, 0), (0, 0)], 676),  # its concave corner is there twice
     ],
 )
 def test_concave_polygons(scene, corners, count):
@@ -127,6 +130,10 @@ def test_colors_of_vertices(scene):
         "newmtl m\nmap_Kd -blendu on -blendv on -cc off q4.png\n",
         "newmtl m\nmap_Kd -s 1 1 1 -o 0 0 0 -clamp on q4.png\n",
         "newmtl m\nmap_Kd -o 1 2 q4.png\n",  # whole periods
+        "newmtl m\nmap_Kd -s 2 2 -o 0.5 0 q4.png\nmap_Kd q4.png\n",  # the options of a map are its own
+        "newmtl m\nKd 1 \\\n1 1\nmap_Kd \\\nq4.png\n",
+        "# C:\\folder\\\nnewmtl m\nmap_Kd q4.png\n",
+        "newmtl m\nTr 1\nd 1\nmap_Kd q4.png\n",  # of both, d says it
         "newmtl m\nmap_Kd C:\\models\\q4.png\n",  # of another machine
         'newmtl m\nmap_Kd "q4.png"\n',
         "newmtl m\nd 1\nTr 0\nKe 0 0 0.0\nKs 1 1 1\nNs 10\nillum 2\nmap_Kd q4.png\n",
@@ -205,6 +212,8 @@ def test_several_libraries(scene):
     assert middle_color(scene("mtllib b.mtl\nmtllib c d.mtl\n" + TEXTURED)) == RED  # the first that has it
     assert middle_color(scene("mtllib c d.mtl\n" + TEXTURED)) == GREEN
     assert middle_color(scene(TEXTURED + "mtllib b.mtl\n")) == RED
+    for names in ("c d.mtl b.mtl", '"c d.mtl" "b.mtl"', "a.mtl c d.mtl"):
+        assert middle_color(scene(f"mtllib {names}\n" + TEXTURED)) == GREEN
 
 
 def test_materials_keep_the_order_of_the_file(tmp_path):
@@ -232,6 +241,7 @@ def test_a_texture_of_several_materials_is_one_array(tmp_path):
     ("text", "others", "finding", "part"),
     [
         ("mtllib nothere.mtl\n" + SQUARE, {}, "missing material libraries", "nothere.mtl"),
+        ("mtllib not here.mtl\n" + SQUARE, {}, "missing material libraries", "library not here.mtl"),
         ("usemtl nothere\n" + SQUARE, {}, "missing materials", "nothere"),
         ("mtllib f.mtl\n" + TEXTURED, {"f.mtl": "newmtl m\nmap_Kd nothere.png\n"}, "missing textures", "nothere.png"),
         ("mtllib f.mtl\n" + TEXTURED, {"f.mtl": "newmtl m\nmap_Kd f.mtl\n"}, "broken textures", "f.mtl"),
@@ -241,6 +251,8 @@ def test_a_texture_of_several_materials_is_one_array(tmp_path):
         ("f 1 2\n" + SQUARE, {}, "faces of one or two corners", "1 faces"),
         (CORNERS + "f 1/5 2/6 3/7\nf 1//8 3 4\n", {}, "dangling indices", "4 indices"),
         (CORNERS, {}, "points", "4 points"),
+        (SQUARE + "ff 1 2 3\ncall other.obj\n", {}, "unknown lines", "line 7 begins with 'ff'"),
+        ("USEMTL m\n" + SQUARE, {}, "unknown lines", "line 1 begins with 'USEMTL'"),
     ],
 )
 def test_findings(tmp_path, text, others, finding, part):
@@ -272,3 +284,39 @@ def test_broken_files(tmp_path, text, error):
     with pytest.raises(ModelError) as raised:
         read(write(tmp_path, "file.obj", text))
     assert str(raised.value).startswith(error)
+
+
+def test_texts_of_two_encodings(scene):
+    """Each line of a library is text of its own: one that is not UTF-8 leaves the others as they are."""
+    library = b"# \xfc\nnewmtl gr\xc3\xbcn\nKd 0 1 0\n"
+    text = "mtllib file.mtl\nusemtl gr\u00fcn\n" + CORNERS + "f 1 2 3 4\n"
+    assert middle_color(scene(text, others={"file.mtl": library})) == GREEN
+
+
+def test_transparency_and_emission_are_carried(painted):
+    (material,) = painted("newmtl m\nd 0.25\nTr 0.5\nKe 0 1 0\n", "emission", "transparency").materials
+    assert material.alpha_mode == "blend" and material.alpha == 0.25 and material.emissive == (0, 1, 0)
+    (material,) = painted("newmtl m\nTr 0.75\n", "transparency").materials
+    assert material.alpha_mode == "blend" and material.alpha == 0.25
+    (material,) = painted("newmtl m\nd -halo 0\n", "transparency").materials
+    assert material.alpha_mode == "blend" and material.alpha == 0
+
+
+def test_textures_without_coordinates(tmp_path):
+    """All faces of a material lack them, or some."""
+    write(tmp_path, "q4.png", encoded(quarters()))
+    write(tmp_path, "file.mtl", "newmtl m\nmap_Kd q4.png\n")
+    for faces, finding in (("f 1 2 3\n", "textures without coordinates"), ("f 1/1 2 3\n", "faces without texture coordinates")):
+        path = write(tmp_path, "file.obj", "mtllib file.mtl\nusemtl m\n" + CORNERS + UVS + faces)
+        model = read(path)
+        assemble(model)
+        assert list(model.findings) == [finding]
+
+
+def test_normals_without_a_length(tmp_path):
+    model = read(write(tmp_path, "file.obj", CORNERS + "vn 0 0 0\nf 1//1 2//1 3//1 4//1\n"))
+    assert assemble(model).normals.tolist() == [[0, 0, 1]] * 4 and list(model.findings) == ["normals without a direction"]
+
+
+def test_an_empty_file(tmp_path):
+    assert not read(write(tmp_path, "file.obj", "")).findings

@@ -198,6 +198,25 @@ def test_several_textures(scene, tmp_path, form):
     assert colors[0] == red and colors[3] == blue
     made = scene(square(form, *[face[:2] for face in faces], properties=properties[:2], comments=comments), "several textures")
     assert quarter_colors(made) == [red] * 4
+    strips = ply(form, ("vertex", XYZ, SQUARE), ("tristrips", INDICES, [([0, 1, 3, 2],)]), comments=comments)
+    assert middle_color(scene(strips, "several textures", "textures without coordinates")) == GREY
+
+
+@pytest.mark.parametrize("files", [1, 2])
+def test_faces_without_a_texture_among_others(scene, tmp_path, form, files):
+    """Their texnumber is -1."""
+    write(tmp_path, "red.png", encoded(np.full((1, 1, 3), (255, 0, 0), np.uint8)))
+    properties = (*INDICES, "list uchar float texcoord", "int texnumber")
+    faces = [([0, 1, 2], (0,) * 6, -1), ([0, 2, 3], (0,) * 6, 0)]
+    made = scene(square(form, *faces, properties=properties, comments=("comment TextureFile red.png",) * files))
+    upper_left, _, _, lower_right = quarter_colors(made)
+    assert upper_left == (255, 0, 0) and lower_right == (203, 203, 203)
+
+
+def test_a_texture_without_coordinates(scene, tmp_path, form):
+    write(tmp_path, "q4.png", encoded(quarters()))
+    made = scene(square(form, ([0, 1, 2, 3],), comments=("comment TextureFile q4.png",)), "textures without coordinates")
+    assert middle_color(made) == GREY
 
 
 def test_triangle_strips(scene, form):
@@ -205,6 +224,44 @@ def test_triangle_strips(scene, form):
     made = scene(ply(form, ("vertex", XYZ, SQUARE), strips))
     assert made.triangles.tolist() == [[0, 1, 3], [3, 1, 2], [0, 1, 2], [1, 2, 0]]
     assert pixels(made) == SQUARE_PIXELS
+
+
+def test_headers_in_other_spacing(scene, form):
+    data = square(form, ([0, 1, 2, 3],), comments=("comment end_header",))
+    header, end, body = data.partition(b"end_header\n")[0], b"end_header\n", data.rpartition(b"end_header\n")[2]
+    header = data[: len(data) - len(body) - len(end)]
+    for other in (header.replace(b" ", b"\t"), header.replace(b"\n", b"\r\n", 1), header.replace(b"\n", b" \r\n")):
+        assert pixels(scene(other + end + body)) == SQUARE_PIXELS
+
+
+@pytest.mark.parametrize("trailing", ["\0\0", "\x1a", "# made by hand\n", "1 2 x"])
+def test_what_follows_the_numbers_of_an_ascii_file(scene, trailing):
+    data = square("ascii", ([0, 1, 2, 3],))
+    assert pixels(scene(data + trailing.encode())) == SQUARE_PIXELS
+
+
+def test_a_word_that_the_end_of_the_file_cuts(scene):
+    for word in ("-", "3 0 2 -", "1e"):
+        data = square("ascii", ([0, 1, 2],), announced={"face": 2})
+        assert len(scene(data + word.encode(), "truncated file").triangles) == 1
+
+
+def test_after_the_end_nothing_is_read(tmp_path):
+    """Faces come first and are not all there: what is left of them is no vertex."""
+    data = ply("ascii", ("face", INDICES, [([0, 1, 2],)]), ("vertex", XYZ, SQUARE), announced={"face": 3, "vertex": 1})
+    text = "the file ends within element face: 3 rows are announced, 1 are there"
+    with pytest.raises(ModelError, match="a list must have 0 entries or more|" + text):
+        read(write(tmp_path, "file.ply", data))
+    data = ply("ascii", ("face", INDICES, [([0, 1, 2],)]), ("vertex", XYZ, ()), announced={"face": 2, "vertex": 1}) + b"9 7 7 7"
+    with pytest.raises(ModelError, match=text.replace("3 rows", "2 rows")):
+        read(write(tmp_path, "file.ply", data))
+
+
+def test_colors_of_vertices_and_of_faces(scene, form):
+    properties = ("uchar red", "uchar green", "uchar blue")
+    faces = [([0, 1, 2, 3], 0, 255, 0)]
+    data = square(form, *faces, properties=INDICES + properties, vertex=XYZ + properties, more=[(255, 0, 0)] * 4)
+    assert middle_color(scene(data, "colors of faces")) == [1, 0, 0]
 
 
 def test_points(tmp_path, form):
@@ -246,6 +303,7 @@ def test_a_file_that_ends_early(scene, tmp_path, form):
         (("0 1 2 3", "0 1 2 nan"), "faces must index the 4 vertices, got indices from nan to nan"),
         (("0 1 2 3", "0 1 2 2.5"), "faces must index the vertices by whole numbers, got 2.5"),
         (("4 0 1", "-4 0 1"), "a list must have 0 entries or more, got -4"),
+        (("0 1 2 3", "0 1 2 # 3"), "the body of an ASCII file must be numbers, got '#'"),
         (("-1 -1 0", "-1 one 0"), "the body of an ASCII file must be numbers, got 'one'"),
     ],
 )
@@ -266,3 +324,9 @@ def test_colors_beyond_their_bits(tmp_path):
     path = write(tmp_path, "file.ply", square("ascii", ([0, 1, 2],), vertex=vertex, more=[(256, 0, 0)] * 4))
     with pytest.raises(ModelError, match="colours of 8 bits must be from 0 to 255, got 0 to 256"):
         read(path)
+
+
+def test_colors_that_are_no_integers(tmp_path):
+    vertex = (*XYZ, "uchar red", "uchar green", "uchar blue")
+    with pytest.raises(ModelError, match="colours of 8 bits must be whole numbers, got 0.9"):
+        read(write(tmp_path, "file.ply", square("ascii", ([0, 1, 2, 3],), vertex=vertex, more=[(0.9, 1, 0)] * 4)))

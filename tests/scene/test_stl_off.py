@@ -52,6 +52,9 @@ def scene(tmp_path):
         ASCII_STL.replace("solid x", "solid b\u00e4r").encode("latin-1"),
         ASCII_STL.partition("\n")[2],  # without the first line
         ASCII_STL.replace("normal 0 0 1", "normal -nan(ind) 0 0") + "endsolid vertex 1 2 3\n",
+        ASCII_STL + "endsolid x\n\0\0",
+        ASCII_STL.replace("solid x", "solid solid x") + "endsolid solid x\n",
+        ASCII_STL.replace("\n", " ") + "endsolid x",  # all on one line
         "\ufeff" + ASCII_STL.replace("1.0", "1e0").replace("-1e0", "-1.0E+00"),
     ],
 )
@@ -66,6 +69,11 @@ def test_solids_are_meshes(tmp_path):
     model = read(write(tmp_path, "file.stl", text))
     assert [mesh.name for mesh in model.meshes] == ["one", "file.stl"]
     assert [mesh.positions.tolist() for mesh in model.meshes] == TRIANGLES.tolist()
+
+
+def test_the_names_of_solids_mean_nothing(tmp_path):
+    text = "solid solid facet normal\n" + facet(TRIANGLES[0]) + "endsolid solid facet normal\n"
+    assert len(read(write(tmp_path, "file.stl", text)).meshes) == 1
 
 
 def test_colors_of_stl(scene):
@@ -151,6 +159,17 @@ def test_colors_of_off(scene, keyword, color):
     assert made.colors[made.triangles].tolist() == [[linear] * 3, [GREY] * 3]
 
 
+@pytest.mark.parametrize("first", ["1 0 0", "1 0 0 1", "1e0 0 0", "1.0 0 0"])
+def test_floating_point_is_told_by_all_colors(scene, first):
+    """A colour that is written in whole numbers, beside others."""
+    for second in ("5e-1 1 0", "0.5 1 0", "1 1 0"):
+        made = scene("file.off", f"OFF\n4 2 0\n{SQUARE}3 0 1 2 {first}\n3 0 2 3 {second}\n")
+        assert made.colors[made.triangles[0]].tolist() == [RED] * 3
+        assert made.colors[made.triangles[1, 0], 1] == 1
+    made = scene("file.off", f"OFF\n4 2 0\n{SQUARE}3 0 1 2 1 1 1\n3 0 2 3 255 0 0\n")
+    assert made.colors[made.triangles[0]].tolist() == [[decode_table()[1]] * 3] * 3
+
+
 def test_findings_of_off(scene):
     scene("file.off", f"OFF\n4 1 0\n{SQUARE}4 0 1 2 3 255 0 0 128\n", "transparency")
     scene("file.off", f"OFF\n4 1 0\n{SQUARE}4 0 1 2 3 0.5 0 0 0.5\n", "transparency")
@@ -158,7 +177,13 @@ def test_findings_of_off(scene):
     scene("file.off", f"OFF\n4 2 0\n{SQUARE}4 0 1 2 3\n2 0 1\n", "faces of one or two corners")
 
 
+@pytest.mark.parametrize("cut", ["3 0 2", "3 0 2 -", "3", "-"])
+def test_a_face_of_off_that_the_end_of_the_file_cuts(scene, cut):
+    assert len(scene("file.off", OFF.replace("3 0 2 3\n", cut), "truncated file").triangles) == 1
+
+
 def test_truncated_off(tmp_path):
+    assert not read(write(tmp_path, "file.off", OFF.replace("3 0 2 3\n", "3.0 0 2 3"))).findings
     model = read(write(tmp_path, "file.off", OFF.replace("3 0 2 3\n", "")))
     assert model.findings["truncated file"].text == "2 faces are announced, 1 are there and drawn"
     assert len(model.meshes[0].triangles) == 1

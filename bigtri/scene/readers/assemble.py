@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..camera import Vector
 from ..carried import Marks
-from ..normals import is_closed, split_normals, weld
+from ..normals import is_closed, smooth_normals, split_normals, weld
 from ..origin import WORLD_ORIGIN, joined, origin_for
 from ..scene import Material, Scene, merge
 from .model import Mesh, Model, ModelError, Paint, Strokes
@@ -35,7 +35,7 @@ def assemble(model: Model) -> Scene:
     Raises:
         ModelError: there are no triangles, or more than int32 counts.
     """
-    meshes = [mesh for mesh in model.meshes if len(mesh.triangles)]
+    meshes = [mesh for mesh in model.meshes if len(mesh.triangles) and len(mesh.transforms)]
     if not meshes:
         others = f"; found: {', '.join(model.findings)}" if model.findings else ""
         raise ModelError(f"there are no triangles in it: point clouds and lines are not drawn{others}")
@@ -48,9 +48,11 @@ def assemble(model: Model) -> Scene:
     placed = [(batch, transform) for batch in batches for transform in batch.transforms]
     bounds = joined([box for box in (bounds_of_placed(place, batch.positions) for batch, place in placed) if box is not None])
     origin = WORLD_ORIGIN if bounds is None else origin_for(bounds)
-    materials = _Materials()
-    parts = [batch.at(place, origin, materials) for batch, place in placed]
+    materials = _Materials(model)
+    parts = [batch.at(place, origin, materials, model) for batch, place in placed]
     for part in parts:
+        if part.uvs is not None and not np.isfinite(part.uvs).all():
+            model.found("texture coordinates beyond float32", "texture coordinates are not finite: 0 is taken for them")
         if not np.isfinite(part.positions).all():
             model.found("positions beyond float32", "positions are not finite, or beyond float32: their triangles are not drawn")
     scene = parts[0] if len(parts) == 1 else merge(parts)
@@ -92,8 +94,8 @@ class _Batch:
         if first.colors is not None and not first.colors_of_faces:
             self._colors = first.colors[kept]
 
-    def at(self, transform: NDArray[np.float64], origin: Vector, materials: _Materials) -> Scene:
-        """The meshes at one place, counted from the origin."""
+    def at(self, transform: NDArray[np.float64], origin: Vector, materials: _Materials, model: Model) -> Scene:
+        """The meshes at one place, counted from the origin; ``model`` gets as findings what they lack."""
         positions = placed_from(origin, transform, self.positions)
         triangles = self._triangles
         # A mirrored mesh would show its back faces.
@@ -113,7 +115,7 @@ class _Batch:
             colors = np.repeat(colors, 3, axis=0)
             joined_triangles = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
         if self._normals is not None:
-            normals = turned(transform, self._normals)
+            normals = _with_a_direction(turned(transform, self._normals), positions, joined_triangles, welded, model)
         else:
             source, joined_triangles, normals = split_normals(positions, joined_triangles, place=welded)
             positions, uvs = positions[source], None if uvs is None else uvs[source]
@@ -132,10 +134,30 @@ def _used(triangles: list[NDArray[np.int32]], count: int) -> tuple[Any, list[NDA
     return used, [number[some] for some in triangles]
 
 
+def _with_a_direction(
+    normals: NDArray[np.float32],
+    positions: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    place: NDArray[np.int32],
+    model: Model,
+) -> NDArray[np.float32]:
+    """Unit normals [V, 3] of a file; those that have no length, or are not finite, from the triangles around them."""
+    lost = ~(np.einsum("ij,ij->i", normals, normals) > 0.5)
+    if not lost.any():
+        return normals
+    computed = smooth_normals(positions, triangles, place)
+    # Where no triangle has an area, nothing is drawn that would miss them.
+    if count := np.count_nonzero((computed[lost] != 0).any(axis=1)):
+        model.found("normals without a direction", f"{count} normals have no direction: those of the surface are taken for them")
+    return np.where(lost[:, None], computed, normals)
+
+
 class _Materials:
     """Makes materials; meshes of one paint and look get the same."""
 
-    def __init__(self) -> None:
+    def __init__(self, model: Model) -> None:
+        """``model`` gets as findings what meshes lack for their paint."""
+        self._model = model
         self._known: dict[tuple[Any, ...], Material] = {}
 
     def of(self, mesh: Mesh, two_sided: bool) -> Material:
@@ -147,6 +169,9 @@ class _Materials:
         if key not in self._known:
             base = paint.base_color or (_WHITE if colored or textured else _GREY)
             texture = paint.texture if textured else None
+            if paint.texture is not None and not textured:
+                text = f"the material {paint.name or 'without a name'} has a texture, but a mesh of it has no coordinates for it"
+                self._model.found("textures without coordinates", f"{text}: it is drawn without the texture")
             self._known[key] = Material(
                 paint.name or mesh.name,
                 base,

@@ -15,6 +15,7 @@ from ..camera import Vector
 from .colors import linear_colors
 from .files import decoded, find, read_texture
 from .model import Model, Paint
+from .text import lines_joined
 
 # The options of a map, and the most words that follow each.
 _OPTIONS = {
@@ -31,11 +32,19 @@ _NOT_DRAWN = {
 
 @dataclass
 class Look:
-    """A material: its paint, and what its map does to texture coordinates, ``uv * scale + offset``."""
+    """A material.
+
+    Attributes:
+        paint: all of it that a ``Mesh`` has.
+        scale, offset: what its map does to texture coordinates, ``uv * scale + offset``.
+        dissolve, transparency: d and Tr as they stand in the file, NaN where they do not.
+    """
 
     paint: Paint
     scale: list[float] = field(default_factory=lambda: [1.0, 1.0])
     offset: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    dissolve: float = math.nan
+    transparency: float = math.nan
 
 
 class Library:
@@ -50,25 +59,38 @@ class Library:
         """The materials of a file by name; of several of one name the last."""
         looks: dict[str, Look] = {}
         look = Look(Paint())  # what stands before the first material is lost
-        for line in re.split(r"[\r\n]+", decoded(path.read_bytes()).removeprefix("\ufeff")):
+        for line in lines_joined(path.read_bytes()).split(b"\n"):
             # A comment begins the line, or follows a space: # may be part of a name.
-            words = re.split(r"(?:^|\s)#", line, maxsplit=1)[0].strip()
+            words = re.split(r"(?:^|\s)#", decoded(line), maxsplit=1)[0].strip()
             keyword, _, rest = re.sub(r"\s", " ", words, count=1).partition(" ")
             keyword, rest = keyword.lower(), rest.strip()
             if keyword == "newmtl":
                 look = looks[rest] = Look(Paint(rest))
             elif keyword == "kd":
-                look.paint = replace(look.paint, base_color=self._color(look, rest))
+                look.paint = replace(look.paint, base_color=self._color(look, "Kd", rest))
             elif keyword == "map_kd":
                 self._read_map(look, rest, path.parent)
-            elif (keyword == "d" and _number(rest) < 1) or (keyword == "tr" and _number(rest) > 0):
-                self._model.found("transparency", f"the material {look.paint.name} is transparent: it is drawn opaque")
+            elif keyword == "d":
+                look.dissolve = _number(rest)
+            elif keyword == "tr":
+                look.transparency = _number(rest)
             elif keyword in _NOT_DRAWN or (keyword == "ke" and rest.strip("0. ")):
                 kind = _NOT_DRAWN.get(keyword, "emission")
                 self._model.found(kind, f"the material {look.paint.name} has {keyword}, {kind}: it is drawn without")
+                if keyword == "ke" and (emissive := self._color(look, keyword, rest)) is not None:
+                    look.paint = replace(look.paint, emissive=emissive)
+        for look in looks.values():
+            self._set_alpha(look)
         return looks
 
-    def _color(self, look: Look, rest: str) -> Vector | None:
+    def _set_alpha(self, look: Look) -> None:
+        """Where a material has both d and Tr, programs differ in what they mean by Tr: d is taken."""
+        alpha = look.dissolve if not math.isnan(look.dissolve) else 1 - look.transparency
+        if alpha < 1:
+            self._model.found("transparency", f"the material {look.paint.name} is transparent: it is drawn opaque")
+            look.paint = replace(look.paint, alpha=max(alpha, 0.0), alpha_mode="blend")
+
+    def _color(self, look: Look, keyword: str, rest: str) -> Vector | None:
         """Three numbers from 0 to 1, sRGB; those that are missing are as the first."""
         try:
             codes = [float(word) for word in rest.split()[:3]]
@@ -79,13 +101,13 @@ class Library:
         except ValueError:  # spectra and XYZ colours, too
             name = look.paint.name
             self._model.found(
-                "unknown colors", f"the material {name} has Kd {rest[:40]!r}, which is not numbers: it is drawn grey"
+                "unknown colors", f"the material {name} has {keyword} {rest[:40]!r}, which is not numbers: it is drawn without"
             )
             return None
 
     def _read_map(self, look: Look, rest: str, folder: Path) -> None:
         """A texture: options, then the name of its file, which may have spaces in it."""
-        wrap = "repeat"
+        wrap, look.scale, look.offset = "repeat", [1.0, 1.0], [0.0, 0.0]
         while match := re.match(r"(-[a-z_]+)\s+", rest, re.IGNORECASE):
             option = match.group(1).lower()
             words: list[str] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +19,13 @@ from .polygons import triangulate
 
 # By keyword, what is not drawn.
 _NOT_DRAWN = {"p": "points", "l": "lines", "curv": "free-form curves", "surf": "free-form surfaces"}
+# What belongs to curves and surfaces, or changes nothing of polygons. All others are named.
+_WITHOUT_EFFECT = (
+    *("vp", "cstype", "deg", "bmat", "step", "parm", "trim", "hole", "scrv", "sp", "end", "con", "curv2", "ctech", "stech"),
+    *("mg", "bevel", "c_interp", "d_interp", "lod", "shadow_obj", "trace_obj"),
+)
+# The names of libraries on one line, which may have spaces in them.
+_LIBRARY_NAME = re.compile(r'"[^"]+"|\S.*?\.mtl(?!\S)|\S+', re.IGNORECASE)
 
 
 class _Vertices(NamedTuple):
@@ -52,8 +60,8 @@ def read(path: Path) -> Model:
     used, first = np.unique(material, return_index=True)
     for number in used[np.argsort(first)].tolist():
         of_mesh = corners[corner[material == number].reshape(-1)]
-        model.meshes.append(_mesh(names[number] or path.name, looks[number], vertices, of_mesh))
-    if not len(material):
+        model.meshes.append(_mesh(model, names[number] or path.name, looks[number], vertices, of_mesh))
+    if not len(material) and len(vertices.positions):
         model.found("points", f"there are {len(vertices.positions)} points and no faces: points are not drawn")
     return model
 
@@ -94,7 +102,7 @@ def _materials(model: Model, lines: Lines, folder: Path) -> tuple[list[str], lis
             of_line.append(numbers.setdefault(rest, len(numbers)))
         elif keyword == "mtllib":
             # One name with spaces in it, or several names. What an earlier library has stays.
-            for name in [rest] if find(folder, rest) else rest.split():
+            for name in [rest] if find(folder, rest) else _LIBRARY_NAME.findall(rest):
                 path = find(folder, name)
                 if path is None:
                     model.found("missing material libraries", f"the material library {name} is not there: it is drawn without")
@@ -102,6 +110,8 @@ def _materials(model: Model, lines: Lines, folder: Path) -> tuple[list[str], lis
                     known = {**library.read(path), **known}
         elif keyword in _NOT_DRAWN:
             model.found(_NOT_DRAWN[keyword], f"there are {_NOT_DRAWN[keyword]}: they are not drawn")
+        elif keyword not in _WITHOUT_EFFECT:
+            model.found("unknown lines", f"line {line + 1} begins with {keyword[:40]!r}, which is not read")
     for name in numbers:
         if name and name not in known:
             model.found("missing materials", f"the material {name} is in no material library: it is drawn grey")
@@ -110,7 +120,7 @@ def _materials(model: Model, lines: Lines, folder: Path) -> tuple[list[str], lis
     return list(numbers), [known.get(name) for name in numbers], of_face
 
 
-def _mesh(name: str, look: Look | None, vertices: _Vertices, corners: NDArray[np.int32]) -> Mesh:
+def _mesh(model: Model, name: str, look: Look | None, vertices: _Vertices, corners: NDArray[np.int32]) -> Mesh:
     """The mesh of corners [3 T, 3]: the position, texture coordinates and normal of each, -1 where there are none."""
     has_uvs, has_normals = bool((corners[:, 1] >= 0).any()), bool((corners[:, 2] >= 0).all())
     columns = [corners[:, i].copy() for i, wanted in enumerate((True, has_uvs, has_normals)) if wanted]
@@ -126,6 +136,9 @@ def _mesh(name: str, look: Look | None, vertices: _Vertices, corners: NDArray[np
             uvs = uvs * look.scale + look.offset
         uvs = uvs.astype(np.float32)
         uvs[uv < 0] = 0
+        if look is not None and look.paint.texture is not None and (uv < 0).any():
+            text = f"faces of the material {name} have no coordinates for its texture: 0 is taken for them"
+            model.found("faces without texture coordinates", text)
     return Mesh(
         name,
         vertices.positions[position],

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .files import decoded
 from .model import ModelError
-from .text import numbers
+from .text import lines_joined, numbers
 
 # Bytes of text whose numbers are read at a time.
 _CHUNK = 1 << 22
@@ -26,11 +26,7 @@ class Lines:
     """
 
     def __init__(self, data: bytes) -> None:
-        data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-        if b"\\\n" in data:
-            # A comment may end in a backslash, as paths do.
-            data = re.sub(rb"(?m)^([^#\n]*)\\\n", rb"\1 ", data)
-        self._text = np.frombuffer(bytearray(data + b"\n"), np.uint8)
+        self._text = np.frombuffer(bytearray(lines_joined(data) + b"\n"), np.uint8)
         self._ends = np.flatnonzero(self._text == _NEW_LINE)
         self._begins = np.concatenate([[0], self._ends[:-1] + 1])
         first = self._begins.copy()

@@ -40,7 +40,10 @@ def read(path: Path) -> Model:
     vertex_count, face_count = _counts(lines)
     if len(lines) < vertex_count:
         raise ModelError(f"the file ends within the vertices: {vertex_count} are announced, {len(lines)} are there")
-    faces = _rows("faces", lines[vertex_count : vertex_count + face_count], 1)
+    face_lines = lines[vertex_count : vertex_count + face_count]
+    if data[-1:] not in (b"\n", b"\r") and len(lines) <= vertex_count + face_count and not _is_whole(face_lines):
+        del face_lines[-1]
+    faces = _rows("faces", face_lines, 1)
     vertices = _rows("vertices", lines[:vertex_count], 3)
     if len(faces.lines) < face_count:
         model.found("truncated file", f"{face_count} faces are announced, {len(faces.lines)} are there and drawn")
@@ -104,6 +107,15 @@ def _counts(lines: list[bytes]) -> tuple[int, int]:
     return vertices, faces
 
 
+def _is_whole(faces: list[bytes]) -> bool:
+    """Whether the last line of faces has all its corners; where a file ends early it may not."""
+    words = faces[-1].split() if faces else [b"0"]
+    try:
+        return len([float(word) for word in words]) > float(words[0])
+    except ValueError:
+        return False
+
+
 def _rows(what: str, lines: list[bytes], least: int) -> _Rows:
     count = np.array([len(line.split()) for line in lines], np.int64)
     if (count < least).any():
@@ -121,17 +133,20 @@ def _column(rows: _Rows, at: int, size: int) -> NDArray[np.float64]:
 
 
 def _colors(model: Model, rows: _Rows, at: Any, count: NDArray[np.int64]) -> NDArray[np.float32] | None:
-    """float32 [lines, 3], linear, of the ``count`` numbers [lines] from ``at`` [lines] on: three, or four with alpha."""
+    """float32 [lines, 3], linear, of the ``count`` numbers [lines] from ``at`` [lines] on: three, or four with alpha.
+
+    The format has integers to 255 and floating point to 1 and does not say which. Whole numbers that are all at most 1 are the
+    latter: as integers they would all be black.
+    """
     colored = (count == 3) | (count == 4)
     if not colored.any():
         if (count == 1).any():
             model.found("color maps", "colours are indices into a colour map, which is not read: they are drawn grey")
         return None
-    first = int(np.argmax(colored))
-    words = rows.lines[first].split()[int(at[first]) :][:3]
-    is_float = any(b"." in word for word in words)
     codes = rows.values[(rows.begin + at)[colored, None] + np.arange(3)]
     alpha = rows.values[(rows.begin + at)[count == 4] + 3]
+    both = np.concatenate([codes.reshape(-1), alpha])
+    is_float = bool((both <= 1).all() or (both != np.rint(both)).any())
     if (alpha < (1 if is_float else 255)).any():
         model.found("transparency", "colours have an alpha below 1: they are drawn opaque")
     colors = np.full((len(count), 3), _UNCOLORED, np.float32)

@@ -52,13 +52,19 @@ def read(path: Path) -> Model:
             normals, colors = (None if values is None else values[source] for values in (normals, colors))
     else:
         triangles = _strips(strips, len(positions))
-    if not len(triangles):
+    if not len(triangles) and len(positions):
         model.found("points", f"there are {len(positions)} points and no faces: points are not drawn")
-    face_colors = _colors(model, face) if colors is None else None
+    face_colors = _colors(model, face)
+    if colors is not None and face_colors is not None:
+        model.found("colors of faces", "vertices and faces have colours: those of vertices are drawn")
+        face_colors = None
 
     paints = [_paint(model, path.parent, name) for name in _texture_files(comments)] or [None]
-    for number, paint in enumerate(paints):
-        here: Any = slice(None) if len(paints) == 1 else _textured(model, face, len(paints))[of_face] == number
+    texture = _texture_numbers(model, face, len(paints))
+    parts: list[tuple[Paint | None, Any]] = [(paints[0], slice(None))]
+    if texture is not None:
+        parts = [(paint, texture[of_face] == number) for number, paint in (*enumerate(paints), (-1, None))]
+    for paint, here in parts:
         model.meshes.append(
             Mesh(
                 path.name,
@@ -157,15 +163,16 @@ def _note_transparency(model: Model, element: Element) -> None:
         model.found("transparency", "colours have an alpha below 1: they are drawn opaque")
 
 
-def _textured(model: Model, face: Element, size: int) -> NDArray[np.int64]:
-    """[count]: the number of the texture of each face, of ``size`` textures."""
+def _texture_numbers(model: Model, face: Element, size: int) -> NDArray[np.int64] | None:
+    """[count]: the number of the texture of each face, of ``size`` textures, -1 for none; or None: all have the first one."""
     numbers = face.columns.get("texnumber")
-    if not isinstance(numbers, np.ndarray):
-        model.found("several textures", f"there are {size} textures and no texnumber: the first one is drawn")
-        return np.zeros(face.count, np.int64)
-    if len(numbers) and not (numbers.min() >= 0 and numbers.max() < size):
+    if not isinstance(numbers, np.ndarray) or not len(numbers):
+        if size > 1:
+            model.found("several textures", f"there are {size} textures and no texnumber: the first one is drawn")
+        return None
+    if not (numbers.min() >= -1 and numbers.max() < size):
         got = f"{numbers.min():.0f} to {numbers.max():.0f}"
-        raise ModelError(f"texnumber must be that of one of the {size} textures, got {got}")
+        raise ModelError(f"texnumber must be that of one of the {size} textures, or -1 for none, got {got}")
     return numbers.astype(np.int64)
 
 
@@ -180,14 +187,13 @@ def _paint(model: Model, folder: Path, name: str) -> Paint | None:
 
 
 def _note_what_is_not_drawn(model: Model, elements: list[Element]) -> None:
-    for element in elements:
-        if element.count < element.announced:
-            where = f"the file ends within element {element.name}"
-            what = f"{where}: {element.announced} rows are announced, {element.count} are there"
-            if element.name == "vertex":
-                raise ModelError(what)
-            model.found("truncated file", f"{what} and drawn")
-            break
+    cut = [element for element in elements if element.count < element.announced]
+    if cut:
+        where = f"the file ends within element {cut[0].name}"
+        what = f"{where}: {cut[0].announced} rows are announced, {cut[0].count} are there"
+        if any(element.name == "vertex" for element in cut):
+            raise ModelError(what)
+        model.found("truncated file", f"{what} and drawn")
     for element in elements:
         if element.name == "edge" and element.count:
             model.found("lines", f"there are {element.count} edges: lines are not drawn")

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .files import decoded
 from .model import ModelError
-from .text import numbers
+from .text import leading_numbers
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8"},
@@ -65,36 +66,43 @@ class Header(NamedTuple):
 def read_elements(data: bytes) -> tuple[list[Element], list[str]]:
     """All elements of a file, and its comments.
 
-    A file that ends early has fewer rows in the element where it ends, and none in those after it. What follows the last element
-    is left alone.
+    A file that ends early has fewer rows in the element where it ends, and none in those after it. A word of an ASCII file that
+    its end has cut counts as missing. What follows the last element is left alone.
 
     Raises:
         ModelError: the header or a row is broken.
     """
     header = _header(data)
+    rest = b""
     if header.format == "ascii":
         # As if it were binary, each number a float64.
-        rows, at, order = memoryview(numbers(data[header.size :], np.float64, "the body of an ASCII file").tobytes()), 0, None
+        values, rest = leading_numbers(data[header.size :])
+        rows, at, order = memoryview(values.tobytes()), 0, None
     else:
         rows, at, order = memoryview(data), header.size, _FORMATS[header.format]
     for element in header.elements:
         at = _read_rows(rows, at, element, _parts(element, order))
+        if element.count < element.announced:
+            words = rest.split(maxsplit=1)
+            if len(words) > 1:
+                raise ModelError(f"the body of an ASCII file must be numbers, got {words[0][:40].decode('latin-1')!r}")
+            break
     return header.elements, header.comments
 
 
 def _header(data: bytes) -> Header:
-    # The first line shows how lines end.
+    # The first line shows whether lines end in a carriage return alone.
     opening = re.match(rb"\s*ply[ \t]*(\r\n|\n|\r)", data)
     if opening is None:
         raise ModelError(f"a PLY file must begin with the line ply, got {data[:16]!r}")
-    end_of_line = opening.group(1)
+    end_of_line = b"\r" if opening.group(1) == b"\r" else b"\n"
     form, comments, elements, at, number = "", [], [], opening.end(), 1
     while True:
         end = data.find(end_of_line, at)
         if end < 0:
             raise ModelError(f"the header must end with the line end_header; the file ends after line {number}")
-        line, at, number = data[at:end].decode("utf-8", "replace").strip(), end + len(end_of_line), number + 1
-        keyword, _, rest = line.partition(" ")
+        line, at, number = decoded(data[at:end]).strip(), end + len(end_of_line), number + 1
+        keyword, rest = (*line.split(maxsplit=1), "", "")[:2]
         try:
             if keyword == "end_header":
                 break
@@ -159,6 +167,7 @@ def _parts(element: Element, order: str | None) -> list[_Part]:
 def _read_rows(data: memoryview, at: int, element: Element, parts: list[_Part]) -> int:
     """Fills in the rows of an element that begins at byte ``at``; returns where they end."""
     if not parts:
+        element.count = element.announced
         return at
     records = _rows_of_one_length(data, at, element, parts)
     if records is not None:

@@ -90,7 +90,7 @@ def _fan(n: int) -> NDArray[np.int64]:
 
 
 def _flattened(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Polygons [P, n, 3] in a plane, float64 [P, n, 2], counter-clockwise; and whether they are concave, bool [P].
+    """Polygons [P, n, 3] in a plane, float64 [P, n, 2], counter-clockwise; and whether they may be concave, bool [P].
 
     The coordinate is dropped in which the polygon turns its front, or its back, most. The others keep their bits.
     """
@@ -100,6 +100,8 @@ def _flattened(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
         after = np.roll(points, -1, axis=1) - points
         turns = np.cross(np.roll(after, 1, axis=1), after)
         concave = ((turns * normal[:, None]).sum(axis=2) < 0).any(axis=1)
+        # A corner that is there twice shows no turn, whichever way the polygon turns in it.
+        concave |= (after == 0).all(axis=2).any(axis=1)
     drop = np.argmax(np.abs(normal), axis=1)
     kept = (drop[:, None] + (1, 2)) % 3
     backward = np.take_along_axis(normal, drop[:, None], axis=1)[:, 0] < 0

@@ -17,6 +17,8 @@ _HEADER = 84  # bytes: 80 of text, then the number of triangles
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _UNCOLORED = 0.6  # linear, as surfaces without a colour are
 _ASCII = re.compile(rb"(\xef\xbb\xbf)?\s*(solid|facet)\b", re.IGNORECASE)
+# Where a solid begins, or ends: the word and the name, which goes to the end of the line or to the first facet.
+_SOLID = re.compile(rb"solid\b(.*?)(?=[\r\n]|\Z|\bfacet\s+normal\s+[-+.\dn])")
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -28,8 +30,8 @@ def read(path: Path) -> Model:
     """
     data = path.read_bytes()
     model = Model()
-    # Binary files may begin with "solid" too, but have zero bytes soon.
-    if _ASCII.match(data) and b"\0" not in data[:256]:
+    # Binary files may begin with "solid" too, but have zero bytes soon, and no words after it.
+    if _ASCII.match(data) and (b"\0" not in data[:256] or re.search(rb"\bvertex\s", data[:1024], re.IGNORECASE)):
         _read_ascii(model, path.name, data)
     else:
         _read_binary(model, path.name, data)
@@ -69,15 +71,15 @@ def _colors(model: Model, header: bytes, attribute: NDArray[np.uint16]) -> NDArr
 
 def _read_ascii(model: Model, name: str, data: bytes) -> None:
     text = data.lower()
-    # \b keeps out endsolid, the line what follows in a name.
-    solids = [match.span() for match in re.finditer(rb"\bsolid\b[^\r\n]*", text)] or [(0, 0)]
+    begins = (match for match in _SOLID.finditer(text) if text[max(match.start() - 3, 0) : match.start()] != b"end")
+    solids = [match.span(1) for match in begins] or [(0, 0)]
     for (begin, after_name), end in zip(solids, [begin for begin, _ in solids[1:]] + [len(data)], strict=True):
         corners, facets = _ascii_corners(text[after_name:end].partition(b"endsolid")[0])
         if len(corners) != 3 * facets:
             complete = min(len(corners) // 3, facets)
             model.found("truncated file", f"{facets} triangles begin, {complete} are complete and drawn")
             corners = corners[: 3 * complete]
-        own = decoded(data[begin:after_name]).strip()[len("solid") :].strip()
+        own = decoded(data[begin:after_name]).strip()
         model.meshes.append(_mesh(own if own and len(solids) > 1 else name, corners.reshape(-1, 3, 3), None))
 
 

@@ -38,14 +38,15 @@ def bounds_of_placed(matrix: NDArray[np.float64], points: NDArray[Any]) -> NDArr
 def turned(matrix: NDArray[np.float64], normals: NDArray[Any]) -> NDArray[np.float32]:
     """float32 [V, 3]: normals [V, 3] by the inverse transpose of one matrix [4, 4], or of one each [V, 4, 4], of unit length.
 
-    The inverse transpose is the cofactors over the determinant, of which only the sign matters, for the length is made 1.
+    The inverse transpose is the cofactors over the determinant, of which only the sign matters, for the length is made 1. So a
+    matrix that flattens, whose determinant is 0, has the normals of the plane that it flattens to.
     """
     result = np.empty((len(normals), 3), np.float32)
     for chunk in _chunks(len(normals)):
         some, rows = normals[chunk].astype(np.float64), _of(matrix, chunk)
         a, b, c = rows[..., :3, 0], rows[..., :3, 1], rows[..., :3, 2]
         cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
-        cofactors = cofactors * np.sign(_dot(a, cofactors[..., 0]))[..., None, None]
+        cofactors = cofactors * np.where(_dot(a, cofactors[..., 0]) < 0, -1.0, 1.0)[..., None, None]
         vectors = np.stack([_dot(cofactors[..., i, :], some) for i in range(3)], axis=1)
         length = np.sqrt(_dot(vectors, vectors))[:, None]
         result[chunk] = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

@@ -19,6 +19,7 @@ _COMPONENTS: dict[int, np.dtype[Any]] = {
     5125: np.dtype("<u4"),
     5126: np.dtype("<f4"),
 }
+_FLOAT = 5126
 _INDEX_COMPONENTS = (5121, 5123, 5125)
 # (columns, rows): a vector is one column.
 _SHAPES = {
@@ -39,7 +40,7 @@ class Accessors:
 
     def __init__(self, document: Document) -> None:
         self._document = document
-        self._known: dict[tuple[int, str], NDArray[Any]] = {}
+        self._known: dict[tuple[int, str, bool], NDArray[Any]] = {}
 
     def entry(self, index: int) -> JsonObject:
         return self._document.all("accessors")[index]
@@ -48,10 +49,18 @@ class Accessors:
         entry = self.entry(index)
         return "bufferView" in entry or "sparse" in entry
 
-    def floats(self, index: int, kinds: tuple[str, ...], dtype: DTypeLike = np.float32) -> NDArray[Any]:
+    def is_normalized(self, index: int) -> bool:
+        return self.entry(index).flag("normalized")
+
+    def has_floats(self, index: int) -> bool:
+        return self.entry(index).whole("componentType") == _FLOAT
+
+    def floats(
+        self, index: int, kinds: tuple[str, ...], dtype: DTypeLike = np.float32, normalized: bool | None = None
+    ) -> NDArray[Any]:
         """float [count, rows]; [count, columns * rows] of matrices, column by column.
 
-        Integers are divided by their largest value where the accessor is normalized.
+        Integers are divided by their largest value where the accessor is normalized, or where ``normalized`` says so.
 
         Args:
             kinds: the types that are allowed here, of "SCALAR", "VEC2" to "VEC4" and "MAT2" to "MAT4".
@@ -61,9 +70,10 @@ class Accessors:
             ModelError: another type, or data that are not there.
         """
         self._check_kind(index, kinds)
-        key = (index, np.dtype(dtype).name)
+        normalized = self.is_normalized(index) if normalized is None else normalized
+        key = (index, np.dtype(dtype).name, normalized)
         if key not in self._known:
-            self._known[key] = as_floats(self._raw(index), self.entry(index).flag("normalized"), dtype)
+            self._known[key] = as_floats(self._raw(index), normalized, dtype)
         return self._known[key]
 
     def integers(self, index: int, kinds: tuple[str, ...]) -> NDArray[np.int64]:
@@ -77,7 +87,7 @@ class Accessors:
         if entry.chosen("componentType", tuple(_COMPONENTS)) not in _INDEX_COMPONENTS:
             wanted = ", ".join(map(str, _INDEX_COMPONENTS))
             raise ModelError(f"{entry.at('componentType')} must be one of {wanted} here, got {entry.whole('componentType')}")
-        key = (index, "int64")
+        key = (index, "int64", False)
         if key not in self._known:
             self._known[key] = self._raw(index).astype(np.int64)
         return self._known[key]

@@ -21,6 +21,8 @@ _READ = (DRACO, INSTANCING, QUANTIZATION, SPECULAR_GLOSSINESS, TEXTURE_TRANSFORM
 # What they say is found where it stands, and named there.
 _NAMED = (LIGHTS, "KHR_animation_pointer")
 _MATERIALS = "KHR_materials_"
+# Images in other formats; a texture that has none in a format that is read is named where it stands.
+_OTHER_IMAGES = ("EXT_texture_avif", "KHR_texture_basisu", "MSFT_texture_dds")
 # They add what no picture shows, or another way to the same.
 _WITHOUT_EFFECT = (
     "EXT_instance_features",
@@ -36,7 +38,7 @@ _WITHOUT_EFFECT = (
     "MSFT_lod",
 )
 # Without effect as long as a reader may leave them out.
-_COMPRESSED = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+_NOT_IF_REQUIRED = ("EXT_meshopt_compression", "KHR_meshopt_compression", *_OTHER_IMAGES)
 
 
 def check_extensions(document: Document) -> None:
@@ -46,7 +48,7 @@ def check_extensions(document: Document) -> None:
         ModelError: the file cannot be drawn without one of them.
     """
     required = document.root.texts("extensionsRequired")
-    if unknown := [name for name in required if name in _COMPRESSED or not _is_known(name)]:
+    if unknown := [name for name in required if name in _NOT_IF_REQUIRED or not _is_known(name)]:
         names = ", ".join(dict.fromkeys(unknown))
         allowed = ", ".join((*_READ, *_NAMED))
         raise ModelError(f"the file requires {names}, which is not read; what it may require is {allowed} and {_MATERIALS}*")
@@ -56,4 +58,4 @@ def check_extensions(document: Document) -> None:
 
 
 def _is_known(name: str) -> bool:
-    return name in _READ or name in _NAMED or name in _WITHOUT_EFFECT or name.startswith(_MATERIALS)
+    return name in (*_READ, *_NAMED, *_OTHER_IMAGES, *_WITHOUT_EFFECT) or name.startswith(_MATERIALS)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...camera import Vector
+from ..colors import within_0_to_1
 from ..model import ModelError, Paint
 from .document import Document
 from .extensions import EMISSIVE_STRENGTH, SPECULAR_GLOSSINESS, UNLIT
@@ -57,7 +58,8 @@ class Materials:
         if (older := material.extension(SPECULAR_GLOSSINESS)) is not None:
             owner, factor, texture = older, "diffuseFactor", "diffuseTexture"
         base = self._textures.read(owner.object(texture)) if texture in owner else _NO_TEXTURE
-        red, green, blue, alpha = owner.numbers(factor, (1.0, 1.0, 1.0, 1.0))
+        factors = np.array(owner.numbers(factor, (1.0, 1.0, 1.0, 1.0)))
+        red, green, blue, alpha = within_0_to_1(self._document.model, factors).tolist()
         emissive, emissive_texture, base = self._emission(material, base)
         paint = Paint(
             material.text("name"),

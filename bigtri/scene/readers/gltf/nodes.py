@@ -88,7 +88,11 @@ def instances(node: JsonObject, accessors: Accessors, count: int) -> NDArray[np.
     parts = {}
     for name, kind in (("TRANSLATION", "VEC3"), ("ROTATION", "VEC4"), ("SCALE", "VEC3")):
         if name in attributes:
-            parts[name] = accessors.floats(attributes.index(name, count, "accessors"), (kind,), np.float64)
+            index = attributes.index(name, count, "accessors")
+            if not accessors.has_data(index):  # a few bytes would announce millions of places
+                wanted = f"{attributes.at(name)} must have a bufferView or sparse values"
+                raise ModelError(f"{wanted}, got accessors[{index}] of neither")
+            parts[name] = accessors.floats(index, (kind,), np.float64)
     if not parts:
         return np.eye(4)[None]
     sizes = {len(values) for values in parts.values()}

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ..colors import within_0_to_1
 from ..model import ModelError
 from .accessors import Accessors, as_floats
 from .document import Document
@@ -85,7 +86,7 @@ class Primitives:
         if "NORMAL" in source:
             normals = morph("NORMAL", source.floats("NORMAL", ("VEC3",))).astype(np.float32, copy=False)
         if "COLOR_0" in source:
-            colors = morph("COLOR_0", source.floats("COLOR_0", ("VEC3", "VEC4")))[:, :3].astype(np.float32, copy=False)
+            colors = self._colors(source, primitive, morph)
         if "JOINTS_0" in source:
             sets = [n for n in range(len(list(attributes))) if f"JOINTS_{n}" in source]
             joints = _side_by_side([source.integers(f"JOINTS_{n}", ("VEC4",)) for n in sets])
@@ -113,13 +114,18 @@ class Primitives:
             return indices[: len(indices) - left].reshape(-1, together).astype(np.int32)
         return indices[_orders(mode, len(indices))].astype(np.int32)
 
+    def _colors(self, source: _Attributes, primitive: JsonObject, morph: Morph) -> NDArray[np.float32]:
+        """float32 [V, 3], linear, from 0 to 1."""
+        if source.has_plain_integers("COLOR_0"):
+            text = f"{primitive.place} has colours in integers that are not normalized: they are drawn as if they were"
+            self._document.model.found("colors that are not normalized", text)
+        colors = source.floats("COLOR_0", ("VEC3", "VEC4"), normalized=True)
+        return within_0_to_1(self._document.model, morph("COLOR_0", colors)[:, :3]).astype(np.float32, copy=False)
+
     def _uvs(self, source: _Attributes, morph: Morph, surface: Surface | None) -> NDArray[np.float32] | None:
         """The texture coordinates that the material asks for, (0, 0) at the lower left."""
         name = f"TEXCOORD_{surface.set if surface else 0}"
         if name not in source:
-            if surface is not None and surface.paint.texture is not None:
-                text = f"a material has a texture, but its mesh has no {name}: it is drawn without the texture"
-                self._document.model.found("textures without coordinates", text)
             return None
         values = source.floats(name, ("VEC2",))
         moved = morph(name, values)
@@ -150,16 +156,26 @@ class _Attributes:
     def __contains__(self, name: str) -> bool:
         return name in self._attributes
 
+    def has_plain_integers(self, name: str) -> bool:
+        """Whether an attribute is integers that stand for themselves."""
+        index = self._index(name)
+        return not (self._accessors.is_normalized(index) or self._accessors.has_floats(index))
+
     def floats(
-        self, name: str, kinds: tuple[str, ...], dtype: DTypeLike = np.float32, normalized_dtype: DTypeLike | None = None
+        self,
+        name: str,
+        kinds: tuple[str, ...],
+        dtype: DTypeLike = np.float32,
+        normalized_dtype: DTypeLike | None = None,
+        normalized: bool | None = None,
     ) -> NDArray[Any]:
         """As ``Accessors.floats``; with ``normalized_dtype`` for those that are divided."""
         index = self._index(name)
-        normalized = self._accessors.entry(index).flag("normalized")
+        normalized = self._accessors.is_normalized(index) if normalized is None else normalized
         if normalized and normalized_dtype is not None:
             dtype = normalized_dtype
         if self._mesh is None or name not in self._mesh:
-            return self._accessors.floats(index, kinds, dtype)
+            return self._accessors.floats(index, kinds, dtype, normalized)
         return as_floats(self._decoded(self._mesh, name, kinds), normalized, dtype)
 
     def integers(self, name: str, kinds: tuple[str, ...]) -> NDArray[np.int64]:

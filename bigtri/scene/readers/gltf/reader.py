@@ -65,10 +65,11 @@ class _Reader:
         for primitive in self._primitives.of_mesh(mesh, node.weights("weights")):
             paint = None if primitive.surface is None else primitive.surface.paint
             # Joints place it in world space.
-            positions, normals = posed.vertices(primitive)
+            positions, normals, mirrored = posed.vertices(primitive)
             where = transforms if positions is primitive.positions else np.eye(4)[None]
             elements, colors = primitive.elements, primitive.colors
             if elements.shape[1] == 3:
+                elements = np.ascontiguousarray(elements[:, ::-1]) if mirrored else elements
                 model.meshes.append(
                     Mesh(name, positions, elements, normals, primitive.uvs, colors, paint=paint, transforms=where)
                 )
@@ -97,15 +98,16 @@ class _Posed:
             joints: float64 [J, 4, 4], or None: without a skin vertices stay where they are.
         """
         self._joints = joints
-        self._known: dict[tuple[int, ...], tuple[NDArray[Any], NDArray[Any] | None]] = {}
+        self._known: dict[tuple[int, ...], tuple[NDArray[Any], NDArray[Any] | None, bool]] = {}
 
-    def vertices(self, primitive: Primitive) -> tuple[NDArray[Any], NDArray[Any] | None]:
-        """(positions, normals)"""
+    def vertices(self, primitive: Primitive) -> tuple[NDArray[Any], NDArray[Any] | None, bool]:
+        """(positions, normals, whether most vertices are mirrored, so that triangles show their back faces)"""
         positions, normals = primitive.positions, primitive.normals
         if self._joints is None or primitive.joints is None or primitive.weights is None:
-            return positions, normals
+            return positions, normals, False
         key = tuple(id(array) for array in (positions, normals, primitive.joints, primitive.weights))
         if key not in self._known:
             matrices = blended(self._joints, primitive.joints, primitive.weights, primitive.place)
-            self._known[key] = placed(matrices, positions), None if normals is None else turned(matrices, normals)
+            mirrored = bool(2 * np.count_nonzero(np.linalg.det(matrices[:, :3, :3]) < 0) > len(matrices))
+            self._known[key] = placed(matrices, positions), None if normals is None else turned(matrices, normals), mirrored
         return self._known[key]
