@@ -513,7 +513,7 @@ class PacedClock(FakeClock):
 
 def contest(us: dict[str, float]):
     case = case_of(scenes.make("S2", 1280, 720), 320, 240)
-    every = [cuda_cases.AUTO, *(cuda_cases.Way(name, "", {}) for name in native.VARIANTS["cpu"])]
+    every = [cuda_cases.AUTO, *(cuda_cases.Way(name, "", {}) for name in us if name != "auto")]
     found = cuda_best.Contest(PacedClock(us), None, HERE, every, 0)
     found.case(case)
     return found
