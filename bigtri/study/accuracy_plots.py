@@ -108,7 +108,7 @@ def _front(axes: Axes, here: Sequence[Row], shown: Sequence[Row], kind: Kind) ->
         )
     for text, (x, y) in names:
         box = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.7}
-        axes.annotate(text, (x, y), (6, 4), textcoords="offset points", size=6.5, bbox=box)
+        axes.annotate(text, (x, y), (6, 4), textcoords="offset points", size=6.5, bbox=box, zorder=1.5)
     axes.set_yscale("log")
     axes.margins(x=0.3, y=0.22)
     axes.grid(alpha=0.3)
