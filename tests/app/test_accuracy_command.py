@@ -37,6 +37,15 @@ def test_rows_in_a_file_and_on_the_screen(tmp_path: Path, capsys: pytest.Capture
 
 
 @needs_extension
+def test_rungs_that_are_not_built_are_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(accuracy.Setting, "rungs", lambda _: ["exact", "subpixel4"])
+    assert command.main(["--quick", "--seconds", "0", "--scenes", "ties"]) == 0
+    said = capsys.readouterr()
+    assert "not measured, as the extension is built here: " in said.err and "coverage_float32" in said.err
+    assert "BIGTRI_LADDER=1" in said.err and "coverage_float32" not in said.out
+
+
+@needs_extension
 @pytest.mark.parametrize(
     ("options", "text"),
     [
