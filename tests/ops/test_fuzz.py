@@ -12,7 +12,8 @@ import torch
 from operators import call
 
 from bigtri import fakes, native
-from bigtri.precision import DEFAULT, PRECISIONS
+from bigtri import native
+from bigtri.precision import DEFAULT
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 
@@ -122,7 +123,7 @@ COUNTS = torch.zeros(len(native.COUNTERS), dtype=I64) if native.available() else
 
 
 def rung(s: Source) -> str:
-    return s.pick(DEFAULT, *PRECISIONS, "")
+    return s.pick(DEFAULT, *native.REGISTRY.get("cpu", ()), "")
 
 
 def served(s: Source) -> tuple[Any, ...]:
