@@ -12,7 +12,6 @@ import torch
 from operators import call
 
 from bigtri import fakes, native
-from bigtri import native
 from bigtri.precision import DEFAULT
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
