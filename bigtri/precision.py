@@ -136,9 +136,14 @@ class Arithmetic:
         return self.precision.depth == "reversed"
 
 
-# The ladder, the default first: one step down at a time, on one axis.
-_LADDER = {
+# Mixes by what they are for, the default first. None gives up coverage: whatever the preset, a shared edge is drawn once.
+_PRESETS = {
     "exact": Precision(),
+    "balanced": Precision(attributes="float32"),
+    "fast": Precision(depth="float32_cell", attributes="reciprocal"),
+}
+# The ladder: one step down at a time, on one axis. ``balanced`` is such a step too, under the name by which every build has it.
+_LADDER = {
     "subpixel4": Precision(coverage="fixed4"),
     "subpixel12": Precision(coverage="fixed12"),
     "subpixel16": Precision(coverage="fixed16"),
@@ -149,11 +154,12 @@ _LADDER = {
     **{f"clip_{clip}": Precision(clip=clip) for clip in CLIPS if clip != "exact"},
     **{f"attributes_{rule}": Precision(attributes=rule) for rule in ATTRIBUTES if rule != "float64"},
 }
-RUNGS = {name: Arithmetic(name, precision) for name, precision in _LADDER.items()}
+RUNGS = {name: Arithmetic(name, precision) for name, precision in {**_PRESETS, **_LADDER}.items()}
 PRECISIONS = tuple(RUNGS)
+PRESETS = tuple(_PRESETS)
 DEFAULT = PRECISIONS[0]
 EXACT = RUNGS[DEFAULT]
-_NAMED = {rung.precision: rung for rung in RUNGS.values()}
+_NAMED = {rung.precision: rung for rung in reversed(RUNGS.values())}  # the first one of two names
 
 
 def arithmetic_of(precision: Precision) -> Arithmetic:

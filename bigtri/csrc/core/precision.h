@@ -53,6 +53,16 @@ struct exact {
   static constexpr bool kBinOwned = true;
 };
 
+// Coverage and depth are those of exact, so that it draws the same visibility buffer, bit for bit.
+struct balanced : exact {
+  static constexpr AttributeRule kAttributes = AttributeRule::kFloat32;
+};
+
+struct fast : exact {
+  static constexpr DepthRule kDepth = DepthRule::kFloat32Cell;
+  static constexpr AttributeRule kAttributes = AttributeRule::kReciprocal;
+};
+
 struct subpixel4 : exact {
   static constexpr int kSubpixelBits = 4;  // vertices snap to 1/16 px
 };
@@ -141,8 +151,8 @@ struct attributes_affine : ladder {
 }  // namespace rungs
 }  // namespace bigtri
 
-// The rungs that are for drawing, the default first; their work can be counted (counters.h).
-#define BIGTRI_RUNGS(X) X(exact) X(subpixel4)
+// The rungs that are for drawing, presets first and of these the default; their work can be counted (counters.h).
+#define BIGTRI_RUNGS(X) X(exact) X(balanced) X(fast) X(subpixel4)
 
 // The rungs that show what an axis costs. Only a build with BIGTRI_LADDER=1 has them (setup.py).
 // clang-format off

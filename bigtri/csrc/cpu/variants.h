@@ -3,6 +3,8 @@
 #pragma once
 
 #define BIGTRI_CPU_VARIANTS_exact(X) X(bin_owned) X(scanline) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_balanced(X) X(bin_owned) X(scanline) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_fast(X) X(bin_owned) X(scanline) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_subpixel4(X) X(bin_owned) X(scanline) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_subpixel12(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_subpixel16(X) X(two_stage)
