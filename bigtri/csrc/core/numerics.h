@@ -123,6 +123,7 @@ template <class D>
 BIGTRI_HD D quotient(D v, double by) {
   return v / by;
 }
+BIGTRI_HD float quotient(float v, const Divisor& by) { return v / (float)by.value; }
 BIGTRI_HD double quotient(double v, const Divisor& by) {
 #if defined(__CUDA_ARCH__)
   double q = v * by.inverse;

@@ -8,6 +8,11 @@
 // nothing behind the record's farthest depth there can be seen. Only large records that are not far give bounds. Within
 // a block of records, bounds are gathered before pixels are drawn; later blocks of the pass keep them.
 //
+// A bound is a depth that is stored at some pixel, or a vertex depth, which all stored depths are clamped to. So it holds
+// for planes in float32 (the rung fast) as for those in float64: core/depth.h (corner_plane) has the proof, which asks
+// only that every rounding is monotone. What does not depend on the plane, masks, full tiles and the direct path of
+// small records, rests on integer coverage alone, which all rungs of this variant have.
+//
 // All tests against a bound are strict. A record is also tested against the bound that it gave itself, and one of
 // constant depth equals it. Another record of the same depth may win by its lower triangle index.
 #pragma once

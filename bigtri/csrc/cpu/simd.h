@@ -10,7 +10,7 @@
 
 #include <type_traits>
 
-#include "../core/numerics.h"
+#include "../core/depth.h"
 #include "../core/visibility.h"
 
 namespace bigtri {
@@ -34,6 +34,7 @@ using i32x16 = Lanes<int32_t, 16>;
 using i64x8 = Lanes<int64_t, 8>;
 using f32x8 = Lanes<float, 8>;
 using f64x8 = Lanes<double, 8>;
+using DepthLanes = Lanes<DepthNumber, 8>;  // what depth planes are computed in
 
 // What a comparison of Lanes<T, N> gives: elements of T's width, all bits set where it holds.
 template <class T, int N>
@@ -100,12 +101,6 @@ BIGTRI_COMPARISON(<)
 BIGTRI_COMPARISON(>)
 BIGTRI_COMPARISON(==)
 #undef BIGTRI_COMPARISON
-
-// quotient (core/numerics.h) of each.
-template <class T, int N>
-BIGTRI_INLINE Lanes<T, N> quotient(const Lanes<T, N>& v, const Lanes<T, N>& by) {
-  return v / by;
-}
 
 // reciprocal (core/attributes.h) of each.
 BIGTRI_INLINE f32x8 reciprocal(const f32x8& v) {
@@ -229,6 +224,12 @@ BIGTRI_INLINE i32x8 lower_half(const i64x8& v) {
 }
 
 // Rounds to nearest, half to even.
+BIGTRI_INLINE f32x8 to_float(const f32x8& v) { return v; }
+BIGTRI_INLINE f32x8 to_float(const i32x8& v) {
+  f32x8 r;
+  for (int i = 0; i < v.kParts; ++i) r.part[i] = __builtin_convertvector(v.part[i], f32x8::Vector);
+  return r;
+}
 BIGTRI_INLINE f32x8 to_float(const f64x8& v) {
   f32x8 r;
 #if BIGTRI_SIMD >= 512
@@ -241,6 +242,32 @@ BIGTRI_INLINE f32x8 to_float(const f64x8& v) {
   r = load<f32x8>(f);
 #endif
   return r;
+}
+
+// quotient (core/numerics.h) of each.
+template <class T, int N>
+BIGTRI_INLINE Lanes<T, N> quotient(const Lanes<T, N>& v, const Lanes<T, N>& by) {
+  return v / by;
+}
+BIGTRI_INLINE f32x8 quotient(const f32x8& v, const f64x8& by) { return v / to_float(by); }
+BIGTRI_INLINE f32x8 quotient(const f32x8& v, double by) { return v / (float)by; }
+
+// Each as a T, which is float or double; rounds to nearest, half to even.
+template <class T, class From>
+BIGTRI_INLINE Lanes<T, 8> converted(const Lanes<From, 8>& v) {
+  if constexpr (std::is_same_v<T, double>)
+    return to_double(v);
+  else
+    return to_float(v);
+}
+
+// 0, 1, ..., 7.
+template <class T>
+BIGTRI_INLINE Lanes<T, 8> lane_numbers() {
+  if constexpr (std::is_same_v<T, double>)
+    return load<f64x8>(kLaneDouble);
+  else
+    return converted<T>(load<i32x8>(kLaneInt));
 }
 
 // min_of(max_of(f, low), high) + 0.0f, as in finish_depth (core/depth.h).
