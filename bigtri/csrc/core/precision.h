@@ -25,7 +25,7 @@ enum class MaskRule { kCorners, kHalfTile, kBounds, kNone };
 enum class ClipRule { kExact, kFloat32, kNone };
 
 // How attributes are weighted at a pixel.
-enum class AttributeRule { kFloat64, kFloat32, kReciprocal, kAffine };
+enum class AttributeRule { kFloat64, kFloat32, kReciprocal, kAffine, kUnsnapped };
 
 // How the depth of a pixel is computed and stored.
 enum class DepthRule {
@@ -45,6 +45,7 @@ struct exact {
   static constexpr int kSubpixelBits = 8;  // vertices snap to 1/256 px
   static constexpr CoverageRule kCoverage = CoverageRule::kFixed;
   static constexpr bool kWideEdges = false;  // whether an edge function needs int64 at a pixel, or is given it
+  static constexpr bool kWraps = false;  // whether edge values are computed in int32, and wrap around
   static constexpr DepthRule kDepth = DepthRule::kFloat64Cell;
   static constexpr MaskRule kMask = MaskRule::kCorners;
   static constexpr ClipRule kClip = ClipRule::kExact;
@@ -82,6 +83,9 @@ struct subpixel16 : ladder {
 };
 struct coverage_int64 : ladder {
   static constexpr bool kWideEdges = true;
+};
+struct coverage_int32 : ladder {
+  static constexpr bool kWraps = true;
 };
 struct coverage_float32 : ladder {
   static constexpr CoverageRule kCoverage = CoverageRule::kFloat32;
@@ -147,6 +151,9 @@ struct attributes_reciprocal : ladder {
 struct attributes_affine : ladder {
   static constexpr AttributeRule kAttributes = AttributeRule::kAffine;
 };
+struct attributes_unsnapped : ladder {
+  static constexpr AttributeRule kAttributes = AttributeRule::kUnsnapped;
+};
 
 }  // namespace rungs
 }  // namespace bigtri
@@ -157,11 +164,11 @@ struct attributes_affine : ladder {
 // The rungs that show what an axis costs. Only a build with BIGTRI_LADDER=1 has them (setup.py).
 // clang-format off
 #define BIGTRI_LADDER(X) \
-  X(subpixel12) X(subpixel16) X(coverage_int64) X(coverage_float32) X(coverage_float32_fused) \
+  X(subpixel12) X(subpixel16) X(coverage_int64) X(coverage_int32) X(coverage_float32) X(coverage_float32_fused) \
   X(coverage_float32_canonical) X(coverage_float32_inclusive) X(coverage_float32_strict) \
   X(depth_float32_cell) X(depth_float32_vertex) X(depth_float32_barycentric) X(depth_fixed_cell) \
   X(depth_stored24) X(depth_stored16) X(depth_reversed) \
   X(mask_half_tile) X(mask_bounds) X(mask_none) \
   X(clip_float32) X(clip_none) \
-  X(attributes_float32) X(attributes_reciprocal) X(attributes_affine)
+  X(attributes_float32) X(attributes_reciprocal) X(attributes_affine) X(attributes_unsnapped)
 // clang-format on

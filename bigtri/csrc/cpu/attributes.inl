@@ -25,19 +25,20 @@ bool load_parent(const AttributeJob& job, const float* positions, int64_t triang
 }
 
 // Whether each pixel is tested by itself: where edge values do not fit float64, or do not decide coverage.
-constexpr bool kTestsRows = kFloatCoverage || Rung::kWideEdges;
-template <bool kTested>
-struct TestedRow {};
+constexpr bool kTestsRows = kFloatCoverage || Rung::kWideEdges || Rung::kWraps;
+// Which row of the image a record is in, where that is needed again.
+template <bool kKnown>
+struct PlacedRow {};
 template <>
-struct TestedRow<true> {
+struct PlacedRow<true> {
   int32_t y = 0;  // px
 };
-BIGTRI_INLINE void set_row(TestedRow<true>* row, int64_t y) { row->y = (int32_t)y; }
-BIGTRI_INLINE void set_row(TestedRow<false>*, int64_t) {}
+BIGTRI_INLINE void set_row(PlacedRow<true>* row, int64_t y) { row->y = (int32_t)y; }
+BIGTRI_INLINE void set_row(PlacedRow<false>*, int64_t) {}
 
 // A record in one row of the image. e_k at pixel x is start[k] + step[k] * x: integers below 2^53, so float64 is exact.
 // Edge k has the pixel inside if e_k >= least[k], which is 0 if the edge owns the samples on it, else 1.
-struct RowRecord : TestedRow<kTestsRows> {
+struct RowRecord : PlacedRow<kTestsRows || kUnsnappedWeights> {
   int record = -1;
   double start[3] = {}, step[3] = {}, least[3] = {};
   const float* source[3] = {};  // attributes of the corner that barycentric k belongs to; null without attributes
@@ -60,7 +61,7 @@ void begin_record(const AttributeJob& job, const float* attributes, const Parent
 
 // The edge values of n pixels of a row from x on, and whether the record covers them, one by one. The others repeat the
 // last one.
-BIGTRI_INLINE void test_eight(const Parent& parent, const TestedRow<true>& row, int record, int64_t x, int n,
+BIGTRI_INLINE void test_eight(const Parent& parent, const PlacedRow<true>& row, int record, int64_t x, int n,
                               f64x8 e[3], bool covered[8]) {
   const Primitive& p = parent.primitive[record];
   double value[3][8];
@@ -71,7 +72,17 @@ BIGTRI_INLINE void test_eight(const Parent& parent, const TestedRow<true>& row, 
   }
   for (int k = 0; k < 3; ++k) e[k] = load<f64x8>(value[k]);
 }
-BIGTRI_INLINE void test_eight(const Parent&, const TestedRow<false>&, int, int64_t, int, f64x8[3], bool[8]) {}
+BIGTRI_INLINE void test_eight(const Parent&, const PlacedRow<false>&, int, int64_t, int, f64x8[3], bool[8]) {}
+
+// unsnapped_barycentrics of eight pixels of a row from x on.
+BIGTRI_INLINE void weigh_unsnapped(const AttributeJob& job, const Parent& parent, const PlacedRow<true>& row,
+                                   int record, int64_t x, f64x8 b[3]) {
+  if constexpr (kUnsnappedWeights)
+    unsnapped_barycentrics(parent, record,
+                           device_coordinate(load<f64x8>(kLaneDouble) + (double)x, (double)job.width),
+                           device_coordinate((double)(job.height - 1 - row.y), (double)job.height), b);
+}
+BIGTRI_INLINE void weigh_unsnapped(const AttributeJob&, const Parent&, const PlacedRow<false>&, int, int64_t, f64x8[3]) {}
 
 // float_barycentrics, in vectors of float64: b holds float32 values.
 BIGTRI_INLINE void barycentrics_in_float(const Parent& parent, int record, const f64x8 e[3], f64x8 b[3]) {
@@ -94,7 +105,9 @@ void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowR
       e[k] = row.start[k] + (load<f64x8>(kLaneDouble) + (double)x) * row.step[k];
       for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= row.least[k];
     }
-  if constexpr (kFloatWeights)
+  if constexpr (kUnsnappedWeights)
+    weigh_unsnapped(job, parent, row, row.record, x, b);
+  else if constexpr (kFloatWeights)
     barycentrics_in_float(parent, row.record, e, b);
   else
     barycentrics(parent, row.record, e, b);

@@ -102,6 +102,15 @@ BIGTRI_COMPARISON(>)
 BIGTRI_COMPARISON(==)
 #undef BIGTRI_COMPARISON
 
+#if BIGTRI_SIMD >= 256
+// fused (core/coverage.h) of each.
+BIGTRI_INLINE f32x8 fused(const f32x8& a, const f32x8& b, const f32x8& c) {
+  f32x8 r;
+  r.part[0] = (f32x8::Vector)_mm256_fmsub_ps((__m256)a.part[0], (__m256)b.part[0], (__m256)c.part[0]);
+  return r;
+}
+#endif
+
 // reciprocal (core/attributes.h) of each.
 BIGTRI_INLINE f32x8 reciprocal(const f32x8& v) {
   f32x8 start;
@@ -117,6 +126,11 @@ BIGTRI_INLINE Lanes<T, N> select(const MaskOf<T, N>& mask, const Lanes<T, N>& ye
   Lanes<T, N> r;
   for (int i = 0; i < r.kParts; ++i) r.part[i] = mask.part[i] ? yes.part[i] : no.part[i];
   return r;
+}
+
+// share_of (core/attributes.h) of each.
+BIGTRI_INLINE f64x8 share_of(const f64x8& u, const f64x8& sum) {
+  return select<double, 8>(sum == 0.0, splat<f64x8>(0.0), u / sum);
 }
 
 // min_of and max_of (core/platform.h) of each.

@@ -58,9 +58,10 @@ constexpr Stages kAll = {setup, binning, kernels};
 
 }  // namespace
 
-// Null where coverage needs more of a record than the stages hand on.
+// Null where coverage needs more of a record than the stages hand on, or where a row's covered pixels may lie apart, since
+// a small record gets one span a row.
 extern const Stages* const kStages;
-const Stages* const kStages = kUnsnapped ? nullptr : &kAll;
+const Stages* const kStages = kUnsnapped || Rung::kWraps ? nullptr : &kAll;
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri
