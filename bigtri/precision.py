@@ -155,7 +155,7 @@ class Arithmetic:
 _PRESETS = {
     "exact": Precision(),
     "balanced": Precision(attributes="float32"),
-    "fast": Precision(depth="float32_cell", attributes="reciprocal"),
+    "fast": Precision(depth="float32_cell", attributes="float32"),
 }
 # The ladder: one step down at a time, on one axis. ``balanced`` is such a step too, under the name by which every build has it.
 _LADDER = {

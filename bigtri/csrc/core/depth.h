@@ -109,8 +109,8 @@ BIGTRI_HD DepthGradient depth_gradient(const int32_t x[3], const int32_t y[3], c
 
 // Depth at the centre of pixel (x, y) from the unbiased edge values there: the anchor zcell if the pixel is
 // a cell's first, or the depth of a thin record's pixel. px, py: the record's vertices, subpx.
-BIGTRI_HD DepthNumber depth_at(const int32_t px[3], const int32_t py[3], const float z[3], const Divisor& area, int32_t x,
-                          int32_t y) {
+BIGTRI_HD DepthNumber depth_at(const int32_t px[3], const int32_t py[3], const float z[3], const Divisor& area,
+                               int32_t x, int32_t y) {
   DepthNumber g[3];
   for (int k = 0; k < 3; ++k) g[k] = (DepthNumber)edge_value(edge_of(px, py, k), pixel_centre(x), pixel_centre(y));
   return weighted_depth<DepthNumber, DepthNumber, DepthNumber>(g[0], g[1], g[2], z[0], z[1], z[2], area);

@@ -83,9 +83,10 @@ BIGTRI_HD float plain_depth(const DepthInCell& d, int i, int j) {
 BIGTRI_HD float stored_depth(float z) {
   if constexpr (kDepthRule == DepthRule::kStored24 || kDepthRule == DepthRule::kStored16) {
     constexpr double kLevels = kDepthRule == DepthRule::kStored24 ? 16777215.0 : 65535.0;
-    // Computed in any case, so that compilers find it in vectors: they divide for no pixel that is not said to need it.
     const float level = (float)(round_half_even((double)z * kLevels) / kLevels);
-    return z <= 1.0f ? level : z;
+    // Chosen by bits: of a branch, compilers would not divide for the pixels that do not need it, and make no vectors.
+    const uint32_t beyond = z > 1.0f ? ~0u : 0u;
+    return bits_float((float_bits(z) & beyond) | (float_bits(level) & ~beyond));
   } else if constexpr (kDepthRule == DepthRule::kReversed) {
     // The bits of floats from +0 to 1 ascend with them, so their distance from those of 1 descends.
     return z >= 0.0f ? bits_float(float_bits(1.0f) - float_bits(z)) : 2.0f;

@@ -50,18 +50,26 @@ struct exact {
   static constexpr MaskRule kMask = MaskRule::kCorners;
   static constexpr ClipRule kClip = ClipRule::kExact;
   static constexpr AttributeRule kAttributes = AttributeRule::kFloat64;
+  // Whether the rung has code of its own for drawing.
+  static constexpr bool kDraws = true;
   // Whether the proofs that the variant bin_owned rests on hold, and its kernels are compiled.
   static constexpr bool kBinOwned = true;
 };
 
-// Coverage and depth are those of exact, so that it draws the same visibility buffer, bit for bit.
-struct balanced : exact {
+// What rungs have in common that differ from exact in attributes alone. They draw the same visibility buffers, bit for
+// bit, so on the CPU it is exact's code that draws them (setup.py, variants.cpp); attributes are their own.
+struct drawn_as_exact : exact {
+  static constexpr bool kDraws = false;
+  static constexpr bool kBinOwned = false;
+};
+
+struct balanced : drawn_as_exact {
   static constexpr AttributeRule kAttributes = AttributeRule::kFloat32;
 };
 
 struct fast : exact {
   static constexpr DepthRule kDepth = DepthRule::kFloat32Cell;
-  static constexpr AttributeRule kAttributes = AttributeRule::kReciprocal;
+  static constexpr AttributeRule kAttributes = AttributeRule::kFloat32;
 };
 
 struct subpixel4 : exact {
@@ -142,16 +150,16 @@ struct clip_none : ladder {
   static constexpr ClipRule kClip = ClipRule::kNone;
 };
 
-struct attributes_float32 : ladder {
+struct attributes_float32 : drawn_as_exact {
   static constexpr AttributeRule kAttributes = AttributeRule::kFloat32;
 };
-struct attributes_reciprocal : ladder {
+struct attributes_reciprocal : drawn_as_exact {
   static constexpr AttributeRule kAttributes = AttributeRule::kReciprocal;
 };
-struct attributes_affine : ladder {
+struct attributes_affine : drawn_as_exact {
   static constexpr AttributeRule kAttributes = AttributeRule::kAffine;
 };
-struct attributes_unsnapped : ladder {
+struct attributes_unsnapped : drawn_as_exact {
   static constexpr AttributeRule kAttributes = AttributeRule::kUnsnapped;
 };
 

@@ -78,11 +78,11 @@ BIGTRI_INLINE void test_eight(const Parent&, const PlacedRow<false>&, int, int64
 BIGTRI_INLINE void weigh_unsnapped(const AttributeJob& job, const Parent& parent, const PlacedRow<true>& row,
                                    int record, int64_t x, f64x8 b[3]) {
   if constexpr (kUnsnappedWeights)
-    unsnapped_barycentrics(parent, record,
-                           device_coordinate(load<f64x8>(kLaneDouble) + (double)x, (double)job.width),
+    unsnapped_barycentrics(parent, record, device_coordinate(load<f64x8>(kLaneDouble) + (double)x, (double)job.width),
                            device_coordinate((double)(job.height - 1 - row.y), (double)job.height), b);
 }
-BIGTRI_INLINE void weigh_unsnapped(const AttributeJob&, const Parent&, const PlacedRow<false>&, int, int64_t, f64x8[3]) {}
+BIGTRI_INLINE void weigh_unsnapped(const AttributeJob&, const Parent&, const PlacedRow<false>&, int, int64_t,
+                                   f64x8[3]) {}
 
 // float_barycentrics, in vectors of float64: b holds float32 values.
 BIGTRI_INLINE void barycentrics_in_float(const Parent& parent, int record, const f64x8 e[3], f64x8 b[3]) {

@@ -115,9 +115,8 @@ BIGTRI_INLINE float farthest_depth(const CellDepth& d, int i, int j, int size) {
 BIGTRI_INLINE f32x8 tile_corner_depths(const CellDepth& d, int row, bool farthest) {
   if (d.thin) return splat<f32x8>(farthest ? d.zmax : d.zmin);
   const int x = (d.dzdx < 0) != farthest ? kTile - 1 : 0, y = (d.dzdy < 0) != farthest ? kTile - 1 : 0;
-  const DepthLanes z =
-      plane_row<DepthNumber>(d.zcell, d.dzdy, kTile * row + y) +
-      plane_column(d.dzdx, lane_numbers<DepthNumber>() * (DepthNumber)kTile + (DepthNumber)x);
+  const DepthLanes z = plane_row<DepthNumber>(d.zcell, d.dzdy, kTile * row + y) +
+                       plane_column(d.dzdx, lane_numbers<DepthNumber>() * (DepthNumber)kTile + (DepthNumber)x);
   return clamp_depth(to_float(z), splat<f32x8>(d.zmin), splat<f32x8>(d.zmax));
 }
 
