@@ -519,7 +519,12 @@ def test_unsnapped_weights_are_those_of_the_triangle_as_it_was_given() -> None:
     for y, x in np.argwhere(packed != BACKGROUND)[::37].tolist():
         true = true_weights(positions[triangles[packed[y, x] & 0xFFFFFFFF]], x, y)
         if min(true) >= 0:
-            off.append([max(abs(float(t) - b) for t, b in zip(true, image[y, x].tolist(), strict=True)) for image in (unsnapped, snapped)])
+            off.append(
+                [
+                    max(abs(float(t) - b) for t, b in zip(true, image[y, x].tolist(), strict=True))
+                    for image in (unsnapped, snapped)
+                ]
+            )
     (mine, others) = np.max(off, axis=0)
     assert len(off) > 60 and mine < 2.0**-23 < 2.0**-12 < others
 
