@@ -132,7 +132,7 @@ def _unsnapped_weights(
     # A pixel that only the snapped triangle covers gets the weights of a point on the border.
     v = [np.maximum(np.where(turn < 0, -one, one), 0) for one in u]
     total = (v[0] + v[1]) + v[2]
-    seen = total != 0  # 0: all vertices are seen at the pixel's centre
+    seen = total != 0  # 0: all vertices are seen on one line with the pixel's centre
     return np.stack([np.where(seen, one / np.where(seen, total, 1), 0) for one in v], axis=1).astype(np.float32)
 
 

@@ -50,7 +50,7 @@ BIGTRI_HD double inner_part(double u, double turn) {
   const double towards = turn < 0 ? -u : u;
   return towards > 0 ? towards : 0.0;
 }
-// v / sum, or 0 where there is none: all vertices are seen at the pixel's centre.
+// v / sum, or 0 where there is none: all vertices are seen on one line with the pixel's centre.
 BIGTRI_HD double share_of(double v, double sum) { return sum == 0 ? 0.0 : v / sum; }
 
 // The same as barycentrics, of the parent's vertices as they were given. right, up: the pixel's centre in normalized
