@@ -78,6 +78,14 @@ OPERATORS: dict[str, _Operator] = {
         }
     ),
     "encode_srgb": _Operator({"linear": None, "thresholds": 1, "out": "linear"}, anywhere=("thresholds",)),
+    "shade": _Operator(
+        {
+            **{"packed": 3, "positions": (2, 3), "triangles": 2, "uvs": 2, "colors": 2, "normals": 2, "face_normals": 2},
+            **{"material": 1, "looks": 2, "base_colors": 2, "light_directions": 2, "light_colors": 2, "constants": 2},
+            **{"thresholds": 1, "image": 4, "albedo": 4, "normal_image": 4, "linear": 4},
+        },
+        anywhere=("constants", "thresholds"),
+    ),
 }
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from ..choices import CULLS
@@ -16,6 +17,9 @@ from .camera import Camera, Vector, number, vector
 from .carried import Lamp, Marks
 from .checks import check_array, check_choice
 from .origin import WORLD_ORIGIN, bounds_of, relative
+
+if TYPE_CHECKING:
+    from .tensors import SceneTensors
 
 ALPHA_MODES = ("opaque", "mask", "blend")
 
@@ -211,6 +215,15 @@ class Scene:
     def used_materials(self) -> tuple[int, ...]:
         """The materials that a triangle has, rising."""
         return tuple(np.unique(self.material).tolist())
+
+    def on(self, device: str | torch.device) -> SceneTensors:
+        """The scene as tensors on a device, "cpu" or "cuda", which ``render`` takes too: what is drawn often is uploaded once.
+
+        On the CPU the tensors share the arrays' memory.
+        """
+        from .tensors import SceneTensors
+
+        return SceneTensors(self, torch.device(device))
 
     def with_(self, **changes: Any) -> Scene:
         """A copy with other attributes."""

@@ -8,7 +8,7 @@
 #include "../core/counters.h"
 #include "../core/frame.h"
 #include "../core/registry.h"
-#include "../core/texture.h"
+#include "../core/surface.h"
 #include "parallel.h"
 
 namespace bigtri {
@@ -97,6 +97,26 @@ struct AttributeJob {
   float* out;  // [views, H, W, channels]; 0 on the background
 };
 
+// --- The shading pass: from a visibility buffer to a picture
+
+struct ShadeJob {
+  const int64_t* packed;  // [views, H, W], the visibility buffer
+  const float* positions;  // [views, V, 4] or [V, 4], clip space
+  int64_t position_view;  // floats from one view's positions to the next view's; 0 if all views share them
+  const int32_t* triangles;  // [T, 3], vertex indices, which name vertices
+  int64_t triangle_count;  // T
+  int64_t views;
+  int height, width;  // of the visibility buffer, px; multiples of samples
+  int samples;        // of a pixel of the picture along each axis
+  Surface surface;
+  const SrgbTable* srgb;
+  const float *decoded8, *decoded16;  // what sRGB codes of textures stand for; decoded16 may be null without such
+  uint8_t* image;  // out: [views, H / samples, W / samples, channels], sRGB
+  int channels;    // 3; or 4, with alpha, and then the background is transparent black
+  // out, or null: [views, H, W, 3]; 0 on the background, but `linear`, which has the background's colour.
+  float *albedo, *normals, *linear;
+};
+
 // --- Rungs
 
 struct CpuRung {
@@ -106,6 +126,7 @@ struct CpuRung {
   const Variant* const* counting;  // the same variants, compiled with counters; null: the rung's work is not counted
   const Stages* stages;  // null: the rung's stages run on the reference alone
   void (*interpolate)(const AttributeJob& job, const Parallel& parallel);
+  void (*shade)(const ShadeJob& job, const Parallel& parallel);
 };
 
 // All rungs, the default first; ends with a null name.
@@ -120,5 +141,11 @@ void sample(const Code* texture, int height, int width, int64_t channels, const 
 void lambert(const float* normals, const float* albedo, const float* ambient, const float* directions,
              const float* colors, int64_t lights, int64_t count, float* out, const Parallel& parallel);
 void encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out, const Parallel& parallel);
+
+// What all sRGB codes of a type stand for, made when it is first asked for.
+template <class Code>
+const float* decoded();
+// The table of the thresholds [255], the calling thread's until it asks for another.
+const SrgbTable& srgb_table(const float* thresholds);
 
 }  // namespace bigtri

@@ -6,6 +6,7 @@
 #include "bin_owned.inl"
 #include "binning.inl"
 #include "setup.inl"
+#include "shade.inl"
 #include "stages.inl"
 #include "two_stage.inl"
 
@@ -38,7 +39,10 @@ constexpr BinOwnedKernels bin_owned_kernels() {
                                    .sample_codes16 = stage_sample<CodedTexels<uint16_t>>, \
                                    .lambert = stage_lambert,                              \
                                    .encode_srgb = stage_encode_srgb},                     \
-                                  {.draw_bin = draw_bin}};                                \
+                                  {.draw_bin = draw_bin},                                 \
+                                  {.begin = shade_begin,                                  \
+                                   .block = shade_block,                                  \
+                                   .background = shade_background}};                      \
   }
 
 }  // namespace bigtri

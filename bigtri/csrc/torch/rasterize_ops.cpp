@@ -116,6 +116,12 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
       "lambert(Tensor normals, Tensor albedo, Tensor ambient, Tensor light_directions, Tensor light_colors, "
       "Tensor(a!) out) -> ()");
   m.def("encode_srgb(Tensor linear, Tensor thresholds, Tensor(a!) out) -> ()");
+  // The shading pass. The surface is uvs to two_sided.
+  m.def(
+      "shade(Tensor packed, Tensor positions, Tensor triangles, Tensor? uvs, Tensor? colors, Tensor? normals, Tensor? "
+      "face_normals, Tensor material, Tensor looks, Tensor base_colors, Tensor[] textures, Tensor light_directions, "
+      "Tensor light_colors, Tensor constants, bool two_sided, Tensor thresholds, str precision, Tensor(a!) image, "
+      "Tensor(b!)? albedo, Tensor(c!)? normal_image, Tensor(d!)? linear) -> ()");
 }
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CPU, m) { m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_op)); }
