@@ -98,7 +98,7 @@ def cpu_sources() -> list[str]:
     default = [CSRC / "cpu/shading.cpp"]  # no rung differs in it
     isas = [f for f in sorted(CSRC.glob("cpu/isa_*.cpp")) if X86 or f.stem == "isa_baseline"]
     each = [f for f in sorted(CSRC.glob("cpu/*.cpp")) if f not in once + default and not f.stem.startswith("isa_")]
-    counted = [f for f in each if f.stem not in ("attributes", "shade", "stages")] + [CSRC / "cpu/isa_baseline.cpp"]
+    counted = [f for f in each if f.stem not in ("attributes", "stages")] + [CSRC / "cpu/isa_baseline.cpp"]
     variants = variants_of("cpu")
     elsewhere = {rung: {name for names in variants.values() for name in names} - {*variants[rung]} for rung in variants}
     files = [str(f) for f in [*once, *sorted(f for f in CSRC.glob("torch/*.cpp") if not f.name.startswith("cuda_"))]]

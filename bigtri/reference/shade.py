@@ -120,9 +120,9 @@ def is_back(positions: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDA
     """
     x, y, w = (positions[:, i].astype(np.float64)[triangles].T for i in (0, 1, 3))
     with np.errstate(over="ignore", invalid="ignore"):
-        determinant = (
-            x[0] * (y[1] * w[2] - y[2] * w[1]) - y[0] * (x[1] * w[2] - x[2] * w[1])
-        ) + w[0] * (x[1] * y[2] - x[2] * y[1])
+        determinant = (x[0] * (y[1] * w[2] - y[2] * w[1]) - y[0] * (x[1] * w[2] - x[2] * w[1])) + w[0] * (
+            x[1] * y[2] - x[2] * y[1]
+        )
         return determinant < 0
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ..ops import arguments, memory
 from ..ops.arguments import Array
-from ..ops.rasterize import Visibility, rasterize
-from ..ops.shade import Made, new_made, shade
+from ..ops.rasterize import Visibility
+from ..ops.shade import Made, draw, new_made
 from ..precision import DEFAULT, Precision
 from ..reference.numerics import MAX_SIZE
 from ..scene.camera import Camera
@@ -122,30 +122,23 @@ def render(
     with _timed(seconds, "transform"):
         clip = np.stack([c.transform(scene.positions, columns / rows, scene.origin) for c in cameras])
     positions = torch.from_numpy(clip)
-    with _timed(seconds, "rasterize"):
-        seen = rasterize(
-            positions,
-            tensors.triangles,
-            (height, width),
-            backend=backend,
-            precision=precision,
-            cull=scene.cull,
-            depth=return_buffers,
-        )
-    packed = _tensor(seen.packed)
-    with _timed(seconds, "shade"):
-        image = memory.new(packed, (len(packed), rows, columns, 3), torch.uint8)
-        made = new_made(packed) if return_buffers else Made()
+    with _timed(seconds, "draw"):
+        image = memory.new(positions, (len(cameras), rows, columns, 3), torch.uint8)
+        made, seen = Made(), None
+        if return_buffers:
+            shape = (len(cameras), height, width)
+            made = new_made(positions, shape)
+            seen = memory.new(positions, shape, torch.int64), memory.new(positions, shape, torch.float32)
         surface = tensors.surface(plan, scene.background)
-        shade(packed, positions, tensors.triangles, surface, image, made, arithmetic, chosen)
+        dropped = draw(*(positions, tensors.triangles, scene.cull, surface, image, supersample, made, seen, arithmetic, chosen))
 
     view = 0 if isinstance(camera, Camera) else slice(None)
-    if not return_buffers:
+    if seen is None:
         return image.numpy()[view]
     albedo, normals, linear = (_tensor(one).numpy()[view] for one in made)
     return image.numpy()[view], Buffers(
         positions=clip[view],
-        visibility=Visibility(*(_tensor(field).numpy()[view] for field in seen)),
+        visibility=Visibility(*(field.numpy()[view] for field in (*seen, dropped))),
         albedo=albedo,
         normals=normals if plan.lights else None,
         linear=linear,

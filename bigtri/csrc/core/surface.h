@@ -44,10 +44,10 @@ struct Surface {
   float ambient[3], top[3], bottom[3];  // linear; the background's colours at the top and the bottom of the picture
 };
 
-// The background of row y of a picture, counted in samples.
-BIGTRI_HD void background_at(const Surface& s, int y, int height, float out[3]) {
+// The background of row y of `height` rows of samples; black where it is transparent, in a picture of four channels.
+BIGTRI_HD void background_at(const Surface& s, int y, int height, int channels, float out[3]) {
   const float down = ((float)y + 0.5f) / (float)height;
-  for (int i = 0; i < 3; ++i) out[i] = s.top[i] + (s.bottom[i] - s.top[i]) * down;
+  for (int i = 0; i < 3; ++i) out[i] = channels == 4 ? 0.0f : s.top[i] + (s.bottom[i] - s.top[i]) * down;
 }
 
 // Whether triangle (x, y, w) of clip space shows its back: the sign of det(x, y, w) of its corners. Clipping does not
@@ -58,6 +58,18 @@ BIGTRI_HD bool is_back(const float a[4], const float b[4], const float c[4]) {
 }
 
 // The alpha of a pixel of which `covered` samples of `samples` are covered, rounded half up.
-BIGTRI_HD uint8_t alpha_of(int covered, int samples) { return (uint8_t)((2 * 255 * covered + samples) / (2 * samples)); }
+BIGTRI_HD uint8_t alpha_of(int covered, int samples) {
+  return (uint8_t)((2 * 255 * covered + samples) / (2 * samples));
+}
+
+// A pixel, of the total of `samples` samples, of which `covered` are covered: their mean, in a transparent picture that
+// of the covered ones. Table: what encode_srgb takes.
+template <class Table>
+BIGTRI_HD void store_mean(const float total[3], int covered, int samples, int channels, const Table& table,
+                          uint8_t* pixel) {
+  const int of = channels == 4 ? max_of(covered, 1) : samples;
+  for (int c = 0; c < 3; ++c) pixel[c] = encode_srgb(total[c] / (float)of, table);
+  if (channels == 4) pixel[3] = alpha_of(covered, samples);
+}
 
 }  // namespace bigtri

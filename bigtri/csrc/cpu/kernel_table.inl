@@ -25,24 +25,22 @@ constexpr BinOwnedKernels bin_owned_kernels() {
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE
 
-#define BIGTRI_KERNEL_TABLE(NAME)                                                         \
-  inline namespace BIGTRI_NAMESPACE {                                                     \
-  extern const Kernels kernels_##NAME;                                                    \
-  const Kernels kernels_##NAME = {bin_owned_kernels(),                                    \
-                                  {.tile_mask = stage_tile_mask,                          \
-                                   .scan_tiles = stage_scan_tiles,                        \
-                                   .scan_rows = stage_scan_rows,                          \
-                                   .depth = stage_depth},                                 \
-                                  {.interpolate_row = stage_interpolate_row,              \
-                                   .sample = stage_sample<const float*>,                  \
-                                   .sample_codes8 = stage_sample<CodedTexels<uint8_t>>,   \
-                                   .sample_codes16 = stage_sample<CodedTexels<uint16_t>>, \
-                                   .lambert = stage_lambert,                              \
-                                   .encode_srgb = stage_encode_srgb},                     \
-                                  {.draw_bin = draw_bin},                                 \
-                                  {.begin = shade_begin,                                  \
-                                   .block = shade_block,                                  \
-                                   .background = shade_background}};                      \
+#define BIGTRI_KERNEL_TABLE(NAME)                                                                                \
+  inline namespace BIGTRI_NAMESPACE {                                                                            \
+  extern const Kernels kernels_##NAME;                                                                           \
+  const Kernels kernels_##NAME = {bin_owned_kernels(),                                                           \
+                                  {.tile_mask = stage_tile_mask,                                                 \
+                                   .scan_tiles = stage_scan_tiles,                                               \
+                                   .scan_rows = stage_scan_rows,                                                 \
+                                   .depth = stage_depth},                                                        \
+                                  {.interpolate_row = stage_interpolate_row,                                     \
+                                   .sample = stage_sample<const float*>,                                         \
+                                   .sample_codes8 = stage_sample<CodedTexels<uint8_t>>,                          \
+                                   .sample_codes16 = stage_sample<CodedTexels<uint16_t>>,                        \
+                                   .lambert = stage_lambert,                                                     \
+                                   .encode_srgb = stage_encode_srgb},                                            \
+                                  {.draw_bin = draw_bin},                                                        \
+                                  {.begin = shade_begin, .block = shade_block, .background = shade_background}}; \
   }
 
 }  // namespace bigtri

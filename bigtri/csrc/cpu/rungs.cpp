@@ -26,8 +26,9 @@ BIGTRI_LADDER(BIGTRI_RUNG_DECLARED)
 #undef BIGTRI_RUNG_DECLARED
 
 const CpuRung kCpuRungs[] = {
-#define BIGTRI_RUNG_LISTED(NAME) \
-  {#NAME, NAME::kGuardOfRung, NAME::kVariants, NAME##_counting::kVariants, NAME::kStages, NAME::interpolate_views, NAME::shade_views},
+#define BIGTRI_RUNG_LISTED(NAME)                                                         \
+  {#NAME,         NAME::kGuardOfRung,      NAME::kVariants,  NAME##_counting::kVariants, \
+   NAME::kStages, NAME::interpolate_views, NAME::shade_views},
     BIGTRI_RUNGS(BIGTRI_RUNG_LISTED)
 #undef BIGTRI_RUNG_LISTED
 #if defined(BIGTRI_WITH_LADDER)

@@ -9,7 +9,6 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-void shade_views(const ShadeJob& job, const Parallel& parallel);
 void shade_views(const ShadeJob& job, const Parallel& parallel) {
   const ShadeKernels& kernels = current_kernels().shade;
   const int side = shade_side(job), columns = (job.width + side - 1) / side, rows = (job.height + side - 1) / side;
@@ -23,7 +22,8 @@ void shade_views(const ShadeJob& job, const Parallel& parallel) {
     const int64_t view = i / (columns * rows);
     const int x = (int)(i % columns) * side, y = (int)(i / columns % rows) * side;
     const int64_t* packed = job.packed + (view * job.height + y) * job.width + x;
-    kernels.block(job, {view, packed, job.width, x, y, min_of(side, job.width - x), min_of(side, job.height - y)}, scratch);
+    kernels.block(job, {view, packed, job.width, x, y, min_of(side, job.width - x), min_of(side, job.height - y)},
+                  scratch);
   });
 }
 

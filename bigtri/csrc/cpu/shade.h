@@ -11,7 +11,7 @@ inline namespace BIGTRI_NAMESPACE {
 struct ShadeBlock {
   int64_t view;
   const int64_t* packed;  // of its first sample
-  int64_t pitch;          // packed values from one row to the next
+  int64_t pitch;  // packed values from one row to the next
   int x, y, width, height;
 };
 
@@ -27,7 +27,24 @@ struct ShadeKernels {
 };
 
 // The side of the blocks that a view is cut into: the most samples up to kBin that are whole pixels.
-inline int shade_side(const ShadeJob& job) { return job.samples > kBin ? job.samples : kBin / job.samples * job.samples; }
+inline int shade_side(const ShadeJob& job) {
+  return job.samples > kBin ? job.samples : kBin / job.samples * job.samples;
+}
+
+// One view of a job, as a job; packed is the caller's to set.
+inline ShadeJob view_of(const ShadeJob& job, int64_t view) {
+  const int64_t pixels = (int64_t)job.height * job.width;
+  ShadeJob one = job;
+  one.views = 1;
+  one.positions = job.positions + view * job.position_view;
+  one.image = job.image + view * (pixels / (job.samples * job.samples)) * job.channels;
+  for (float** image : {&one.albedo, &one.normals, &one.linear})
+    if (*image) *image += view * 3 * pixels;
+  return one;
+}
+
+// The pass over all blocks of a visibility buffer (shade.cpp).
+void shade_views(const ShadeJob& job, const Parallel& parallel);
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -23,10 +23,10 @@ enum class Normals { kZero, kFace, kSmooth };
 // A triangle that is ready to be shaded.
 struct Shaded {
   int64_t key;  // view << 32 | triangle; -1: none
-  bool drawn;   // false: no record covers a pixel
+  bool drawn;  // false: no record covers a pixel
   bool clipped;
   const float* base;  // base colour of the material
-  Look look;          // without what the surface has no data for
+  Look look;  // without what the surface has no data for
   Normals normals;
   float facing;  // -1: the normal is turned round; else 1
   float value[kChannels][3];  // at the corners that barycentric 0, 1, 2 belong to
@@ -295,7 +295,7 @@ BIGTRI_INLINE void encode_sixteen(const ShadeJob& job, uint8_t* image, const int
 
 // Where the fragments of a block, or of a row of samples, go.
 struct Targets {
-  uint8_t* image;                    // null where several samples make a pixel
+  uint8_t* image;  // null where several samples make a pixel
   float *albedo, *normals, *linear;  // or null
 };
 
@@ -334,21 +334,15 @@ BIGTRI_INLINE void fill(float* to, int n, const float color[3]) {
   for (int i = 0; to && i < 3 * n; ++i) to[i] = color[i % 3];
 }
 
-// The background of n pixels, one row of a picture.
+// n pixels of one colour.
 void fill_pixels(uint8_t* to, int n, int channels, const uint8_t color[4]) {
-  constexpr int kPiece = 48;  // pixels
-  uint8_t piece[4 * kPiece];
-  for (int i = 0; i < kPiece; ++i)
-    for (int c = 0; c < channels; ++c) piece[i * channels + c] = color[c];
+  // 24 bytes are whole pixels of three channels and of four.
+  uint8_t piece[24];
+  for (int i = 0; i < 24; ++i) piece[i] = color[i % channels];
+  const int bytes = n * channels;
   int i = 0;
-  for (; i + kPiece <= n; i += kPiece) __builtin_memcpy(to + i * channels, piece, (size_t)(kPiece * channels));
-  __builtin_memcpy(to + i * channels, piece, (size_t)((n - i) * channels));
-}
-
-// The background of a row of samples: black where it is transparent.
-BIGTRI_INLINE void background_row(const ShadeJob& job, int y, float out[3]) {
-  background_at(job.surface, y, job.height, out);
-  for (int c = 0; c < 3; ++c) out[c] = job.channels == 4 ? 0.0f : out[c];
+  for (; i + 24 <= bytes; i += 24) __builtin_memcpy(to + i, piece, 24);
+  __builtin_memcpy(to + i, piece, (size_t)(bytes - i));
 }
 
 // Fills rows [y, y + height) of samples of the outputs that have a value for each sample.
@@ -357,19 +351,11 @@ void fill_samples(const ShadeJob& job, int64_t view, int x, int y, int width, in
   for (int j = y; j < y + height; ++j) {
     const int64_t first = 3 * ((view * job.height + j) * job.width + x);
     float background[3];
-    background_row(job, j, background);
+    background_at(job.surface, j, job.height, job.channels, background);
     if (job.albedo) fill(job.albedo + first, width, zero);
     if (job.normals) fill(job.normals + first, width, zero);
     if (job.linear) fill(job.linear + first, width, background);
   }
-}
-
-// A pixel's mean of `samples` squared samples, of which `covered` are covered; docs/numerics.md 16.
-BIGTRI_INLINE void store_mean(const ShadeJob& job, const float total[3], int covered, uint8_t* pixel) {
-  const int all = job.samples * job.samples;
-  const int of = job.channels == 4 ? max_of(covered, 1) : all;
-  for (int c = 0; c < 3; ++c) pixel[c] = encode_srgb(total[c] / (float)of, *job.srgb);
-  if (job.channels == 4) pixel[3] = alpha_of(covered, all);
 }
 
 // Where a picture's row of pixels begins.
@@ -380,18 +366,8 @@ BIGTRI_INLINE uint8_t* pixel_at(const ShadeJob& job, int64_t view, int x, int y)
 void shade_background(const ShadeJob& job, int64_t view, int x, int y, int width, int height) {
   const int n = job.samples;
   if (job.albedo || job.normals || job.linear) fill_samples(job, view, x, y, width, height);
-  for (int row = y; row < y + height; row += n) {
-    float total[3] = {0.0f, 0.0f, 0.0f};
-    for (int j = row; j < row + n; ++j) {
-      float one[3];
-      background_row(job, j, one);
-      for (int i = 0; i < n; ++i)
-        for (int c = 0; c < 3; ++c) total[c] = total[c] + one[c];
-    }
-    uint8_t color[4];
-    store_mean(job, total, 0, color);
-    fill_pixels(pixel_at(job, view, x / n, row / n), width / n, job.channels, color);
-  }
+  for (int row = y / n; row < (y + height) / n; ++row)
+    fill_pixels(pixel_at(job, view, x / n, row), width / n, job.channels, job.background + 4 * row);
 }
 
 // A sample a pixel: the background of the whole block first, then fragments over it.
@@ -416,7 +392,7 @@ void shade_samples(const ShadeJob& job, const ShadeBlock& b, ShadeScratch* s) {
     int covered[kBin] = {};
     for (int j = row; j < row + n; ++j) {
       float background[3];
-      background_row(job, b.y + j, background);
+      background_at(job.surface, b.y + j, job.height, job.channels, background);
       // A pixel may be wider than a block.
       for (int x = 0; x < b.width; x += kBin) {
         const int some = min_of(kBin, b.width - x);
@@ -437,7 +413,7 @@ void shade_samples(const ShadeJob& job, const ShadeBlock& b, ShadeScratch* s) {
     }
     for (int i = 0; i < b.width / n; ++i) {
       const float mean[3] = {total[0][i], total[1][i], total[2][i]};
-      store_mean(job, mean, covered[i], pixel_at(job, b.view, b.x / n + i, (b.y + row) / n));
+      store_mean(mean, covered[i], n * n, job.channels, *job.srgb, pixel_at(job, b.view, b.x / n + i, (b.y + row) / n));
     }
   }
 }

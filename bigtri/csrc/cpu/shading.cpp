@@ -35,6 +35,22 @@ const SrgbTable& srgb_table(const float* thresholds) {
   return table;
 }
 
+std::vector<uint8_t> background_rows(const ShadeJob& job) {
+  const FloatMode mode;
+  const int n = job.samples, rows = job.height / n;
+  std::vector<uint8_t> colors(4 * (size_t)rows);
+  for (int row = 0; row < rows; ++row) {
+    float total[3] = {0.0f, 0.0f, 0.0f};
+    for (int i = 0; i < n * n; ++i) {
+      float one[3];
+      background_at(job.surface, row * n + i / n, job.height, job.channels, one);
+      for (int c = 0; c < 3; ++c) total[c] = total[c] + one[c];
+    }
+    store_mean(total, 0, n * n, job.channels, *job.srgb, colors.data() + 4 * row);
+  }
+  return colors;
+}
+
 namespace {
 
 // body(begin, end) for blocks of `step` elements out of `count`.

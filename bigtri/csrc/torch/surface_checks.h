@@ -54,7 +54,8 @@ inline Surface checked_surface(const char* op, int device, const SurfaceTensors&
   check_on(op, "light_directions", s.light_directions, device, ScalarType::Float, {-1, 3}, "float32 [L, 3]");
   check_on(op, "light_colors", s.light_colors, device, ScalarType::Float, {s.light_directions.size(0), 3},
            "float32 [L, 3]");
-  check(op, "constants", s.constants, ScalarType::Float, {3, 3}, "float32 [3, 3]: ambient light, background at the top, at the bottom");
+  check(op, "constants", s.constants, ScalarType::Float, {3, 3},
+        "float32 [3, 3]: ambient light, background at the top, at the bottom");
   for (const Tensor& t : s.textures) textures->push_back(checked_texture(op, device, t));
   static_assert(sizeof(Look) == 2 * sizeof(int32_t), "a row of looks");
   surface.material = const_data<int32_t>(s.material);
@@ -99,9 +100,10 @@ inline int64_t checked_picture(const char* op, int device, const PictureTensors&
   check_on(op, "image", p.image, device, ScalarType::Byte, {views, -1, -1, -1}, wanted);
   const int64_t rows = p.image.size(1), columns = p.image.size(2), channels = p.image.size(3);
   const int64_t samples = rows ? height / rows : 0;
-  BIGTRI_CHECK((channels == 3 || channels == 4) && samples >= 1 && rows * samples == height && columns * samples == width,
-               "bigtri::", op, ": image must be ", wanted, " with H and W those of packed divided by the samples, ", height, " and ",
-               width, ", got ", describe(p.image));
+  BIGTRI_CHECK(
+      (channels == 3 || channels == 4) && samples >= 1 && rows * samples == height && columns * samples == width,
+      "bigtri::", op, ": image must be ", wanted, " with H and W those of packed divided by the samples, ", height,
+      " and ", width, ", got ", describe(p.image));
   for (const auto& [name, t] : {std::pair<const char*, const std::optional<Tensor>&>{"albedo", p.albedo},
                                 {"normal_image", p.normals},
                                 {"linear", p.linear}})
