@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from .checks import check_array, check_choice
 from .origin import WORLD_ORIGIN, bounds_of, relative
 
 if TYPE_CHECKING:
+    from .plan import Plan
     from .tensors import SceneTensors
 
 ALPHA_MODES = ("opaque", "mask", "blend")
@@ -144,7 +145,7 @@ class Scene:
         materials: at least one.
         lights: any number of them; without any the ambient light is all there is.
         ambient: linear red, green, blue.
-        background: linear colours at the top and at the bottom of the picture, blended in between.
+        background: linear colours at the top and at the bottom of the picture, blended in between; or one for both.
         cull: "none", "back" or "front": which faces are not drawn.
         origin: where in world space positions are counted from, in float64. Cameras and ``bounds`` know nothing of it: it is
             there to keep positions small, since float32 has no millimetres of map coordinates in the millions.
@@ -187,7 +188,7 @@ class Scene:
         if not self.materials:
             raise ValueError("bigtri.Scene: materials must hold at least one Material, got none")
         object.__setattr__(self, "ambient", vector("Scene", "ambient", self.ambient))
-        object.__setattr__(self, "background", _background(self.background))
+        object.__setattr__(self, "background", background_of("Scene", self.background))
         for name, count, of in (("material", len(self.materials), "materials"), ("triangles", vertices, "positions")):
             indices = getattr(self, name)
             if faces and not (indices.min() >= 0 and indices.max() < count):
@@ -214,7 +215,7 @@ class Scene:
     @property
     def used_materials(self) -> tuple[int, ...]:
         """The materials that a triangle has, rising."""
-        return tuple(np.unique(self.material).tolist())
+        return tuple(np.flatnonzero(np.bincount(self.material, minlength=1)).tolist())
 
     def on(self, device: str | torch.device) -> SceneTensors:
         """The scene as tensors on a device, "cpu" or "cuda", which ``render`` takes too: what is drawn often is uploaded once.
@@ -224,6 +225,33 @@ class Scene:
         from .tensors import SceneTensors
 
         return SceneTensors(self, torch.device(device))
+
+    def plan(
+        self,
+        camera: Camera | None = None,
+        resolution: tuple[int, int] | None = None,
+        *,
+        on: Iterable[str] = (),
+        off: Iterable[str] = (),
+        approximate: bool = False,
+    ) -> Plan:
+        """Which effects the scene calls for, each with the fact that calls for it or rules it out; ``print`` shows a table.
+
+        Nothing is drawn, and nothing waits for a GPU: it reads the scene's own arrays.
+
+        Args:
+            camera: if given, the plan also says what its triangles need as this camera sees them: perspective, clipping.
+            resolution: (height, width) of the picture, px; 720 x 1280 where it is left out.
+            on: effects to run whether they are called for or not, which changes no bit: attributes of ``RenderPlan``.
+            off: effects to leave out.
+            approximate: whether ``off`` may hold what the scene calls for. The plan then says that the picture is another.
+
+        Raises:
+            ValueError: an unknown effect, one that is in both, or one in ``off`` that the scene calls for.
+        """
+        from .plan import explain
+
+        return explain(self, camera, resolution, on=on, off=off, approximate=approximate)
 
     def with_(self, **changes: Any) -> Scene:
         """A copy with other attributes."""
@@ -302,9 +330,20 @@ def _all_of(name: str, value: Any, kind: type) -> tuple[Any, ...]:
     return items
 
 
-def _background(value: Any) -> tuple[Vector, Vector]:
+def background_of(owner: str, value: Any) -> tuple[Vector, Vector]:
+    """Two linear colours, at the top and at the bottom, of one for both or of two. ``owner`` is for the error text.
+
+    Raises:
+        TypeError, ValueError: neither.
+    """
+    wanted = f"bigtri.{owner}: background must be a colour, or two, at the top and at the bottom, got {value!r}"
     try:
-        top, bottom = value
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"bigtri.Scene: background must be two colours, at the top and at the bottom, got {value!r}") from None
-    return vector("Scene", "background", top), vector("Scene", "background", bottom)
+        colors = tuple(value)
+    except TypeError:
+        raise TypeError(wanted) from None
+    if len(colors) == 3:
+        one = vector(owner, "background", colors)
+        return one, one
+    if len(colors) != 2:
+        raise ValueError(wanted)
+    return vector(owner, "background", colors[0]), vector(owner, "background", colors[1])
