@@ -94,7 +94,7 @@ def variants_of(kind: str) -> dict[str, list[str]]:
 
 
 def cpu_sources() -> list[str]:
-    once = [CSRC / "cpu" / name for name in ("dispatch.cpp", "index_range.cpp", "rungs.cpp", "thread_pool.cpp")]
+    once = [CSRC / "cpu" / name for name in ("dispatch.cpp", "index_range.cpp", "rungs.cpp", "thread_pool.cpp", "transform.cpp")]
     default = [CSRC / "cpu/shading.cpp"]  # no rung differs in it
     isas = [f for f in sorted(CSRC.glob("cpu/isa_*.cpp")) if X86 or f.stem == "isa_baseline"]
     each = [f for f in sorted(CSRC.glob("cpu/*.cpp")) if f not in once + default and not f.stem.startswith("isa_")]

@@ -84,6 +84,7 @@ OPERATORS: dict[str, _Operator] = {
         }
     ),
     "encode_srgb": _Operator({"linear": None, "thresholds": 1, "out": "linear"}, anywhere=("thresholds",)),
+    "transform": _Operator({"points": 2, "matrices": 3, "out": 3}),
     "shade": _Operator({"packed": 3, **_PICTURE}, anywhere=("constants", "thresholds")),
     "draw": _Operator({**_PICTURE, "packed": 3, "depth": 3, "dropped": 1}, anywhere=("constants", "thresholds")),
 }

@@ -63,6 +63,7 @@ def arguments(op: str) -> tuple:
         "sample_texture": (torch.rand(7, 5, 3), torch.rand(20, 2), "bilinear", "repeat", torch.empty(20, 3)),
         "lambert": (*(torch.rand(n, 3) for n in (9, 9)), torch.rand(3), *(torch.rand(2, 3) for _ in "dc"), torch.empty(9, 3)),
         "encode_srgb": (torch.rand(4, 5), torch.from_numpy(np.array(encode_thresholds())), torch.empty(4, 5, dtype=torch.uint8)),
+        "transform": (torch.rand(9, 3), torch.rand(2, 4, 4, dtype=torch.float64), torch.empty(2, 9, 4)),
     }[op]
 
 

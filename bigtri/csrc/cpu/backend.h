@@ -154,4 +154,10 @@ const float* decoded();
 // The table of the thresholds [255], the calling thread's until it asks for another.
 const SrgbTable& srgb_table(const float* thresholds);
 
+// --- Points to clip space
+
+// points [count, 3], matrices [views, 4, 4], out [views, count, 4].
+void transform(const float* points, const double* matrices, int64_t count, int64_t views, float* out,
+               const Parallel& parallel);
+
 }  // namespace bigtri

@@ -116,6 +116,7 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
       "lambert(Tensor normals, Tensor albedo, Tensor ambient, Tensor light_directions, Tensor light_colors, "
       "Tensor(a!) out) -> ()");
   m.def("encode_srgb(Tensor linear, Tensor thresholds, Tensor(a!) out) -> ()");
+  m.def("transform(Tensor points, Tensor matrices, Tensor(a!) out) -> ()");
   // Pictures: the shading pass over a visibility buffer, and from triangles. The surface is uvs to two_sided.
   m.def(
       "shade(Tensor packed, Tensor positions, Tensor triangles, Tensor? uvs, Tensor? colors, Tensor? normals, Tensor? "
