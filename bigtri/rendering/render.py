@@ -149,7 +149,7 @@ def _draw(
     seconds: dict[str, float] = {}
     with _timed(seconds, "transform"):
         matrices = np.stack([c.matrix(picture.columns / picture.rows, tensors.scene.origin) for c in cameras])
-        positions = transform(tensors.positions, torch.from_numpy(matrices), backend=backend)
+        positions = transform(tensors.positions, torch.from_numpy(matrices).to(tensors.device), backend=backend)
     with _timed(seconds, "draw"):
         views, samples = len(cameras), picture.samples
         image = memory.new(positions, (views, picture.rows, picture.columns, picture.channels), torch.uint8)
