@@ -10,7 +10,6 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from ..ops import arguments, memory
 from ..ops.arguments import Array
@@ -122,7 +121,14 @@ def render(
     albedo, normals, linear = (None if one is None else finished(one) for one in made)
     assert albedo is not None and linear is not None
     visibility = Visibility(*map(finished, seen))
-    return finished(image), Buffers(positions=finished(positions), visibility=visibility, albedo=albedo, normals=normals if switches.lights else None, linear=linear, seconds=seconds)
+    return finished(image), Buffers(
+        positions=finished(positions),
+        visibility=visibility,
+        albedo=albedo,
+        normals=normals if switches.lights else None,
+        linear=linear,
+        seconds=seconds,
+    )
 
 
 class _Picture(NamedTuple):

@@ -200,7 +200,9 @@ def _of_triangles(scene: Scene, camera: Camera, height: int, width: int) -> list
     cut = int((inside.any(axis=1).all(axis=1) & ~inside.all(axis=(1, 2))).sum())
     count = len(corners)
     return [
-        Effect("perspective", tilted > 0, f"w differs between the corners of {tilted} of {count} triangles", _COSTS["perspective"]),
+        Effect(
+            "perspective", tilted > 0, f"w differs between the corners of {tilted} of {count} triangles", _COSTS["perspective"]
+        ),
         Effect("clipping", cut > 0, f"{cut} of {count} triangles cross a plane", _COSTS["clipping"]),
     ]
 

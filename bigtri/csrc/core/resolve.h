@@ -8,9 +8,23 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
+// The parent's vertices as they were given, clip space, where the rung's attributes need them; else nothing.
+template <bool kHas>
+struct CornersOf {};
+template <>
+struct CornersOf<true> {
+  float given[3][4];
+};
+using Corners = CornersOf<Rung::kAttributes == AttributeRule::kUnsnapped>;
+BIGTRI_HD void set_corners(const float[3][4], CornersOf<false>*) {}
+BIGTRI_HD void set_corners(const float v[3][4], CornersOf<true>* out) {
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < 4; ++i) out->given[k][i] = v[k][i];
+}
+
 // The records of a parent triangle in fan order, with the values that barycentrics are computed from.
 template <int kRecords>
-struct ParentOf {
+struct ParentOf : Corners {
   int count;  // records
   bool clipped;
   bool affine;                     // not clipped, and all w equal: no perspective correction
@@ -86,6 +100,7 @@ BIGTRI_HD bool expand_whole(const float v[3][4], const Vertex projected[3], cons
     y[k] = projected[k].y;
     z[k] = projected[k].z;
   }
+  set_corners(v, out);
   out->clipped = false;
   out->affine = v[0][3] == v[1][3] && v[1][3] == v[2][3];
   out->count = make_primitive(x, y, z, view, &out->primitive[0]) ? 1 : 0;
@@ -110,6 +125,7 @@ BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], con
   } else if (fate == Fate::kClip) {
     Fan fan;
     make_fan(v, (f0 | f1 | f2) & kOutsideMask, view.width, view.height, &fan);
+    set_corners(v, out);
     out->clipped = true;
     out->affine = false;
     out->first = fan.first;

@@ -8,7 +8,6 @@
 #pragma once
 
 #include "attributes.inl"
-#include "shade.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -172,7 +171,7 @@ void append_run(const ShadeJob& job, Shaded* t, int y, int x, int n, int at, Sha
       for (int k = 0; k < 3; ++k) weight[k] = splat<f32x8>(0.0f);
       if (record >= 0) {
         if (record != row.record) begin_edges(s->clipped, record, y, &row);
-        weigh_eight(s->clipped, row, x + i, same, weight, covered);
+        weigh_eight(job.width, job.height, s->clipped, row, x + i, same, weight, covered);
       }
       append(*t, weight, at + i, same, s);
     }
@@ -192,7 +191,7 @@ void append_run(const ShadeJob& job, Shaded* t, int y, int x, int n, int at, Sha
     RowRecord row;
     begin_edges(t->parent, 0, y, &row);
     for (int i = 0; i < n; i += 8) {
-      weigh_eight(t->parent, row, x + i, min_of(8, n - i), weight, covered);
+      weigh_eight(job.width, job.height, t->parent, row, x + i, min_of(8, n - i), weight, covered);
       append(*t, weight, at + i, min_of(8, n - i), s);
     }
   }
@@ -318,7 +317,7 @@ BIGTRI_INLINE void encode_pixels(const ShadeJob& job, uint8_t* image, const int3
 
 // Where the fragments of a block, or of a row of samples, go.
 struct Targets {
-  uint8_t* image;                    // null where several samples make a pixel
+  uint8_t* image;  // null where several samples make a pixel
   float *albedo, *normals, *linear;  // or null
 };
 
