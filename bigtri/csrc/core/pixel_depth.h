@@ -31,7 +31,8 @@ BIGTRI_HD float weighted_in_float(const Record& r, const int64_t g[3]) {
   return (((float)g[0] * r.z[0] + (float)g[1] * r.z[1]) + (float)g[2] * r.z[2]) / (float)r.area.value;
 }
 
-BIGTRI_HD DepthInCell depth_in_cell(const Record& r, int cell_x, int cell_y) {
+// A GPU has it of thin records too, so as not to branch; nobody reads their plane.
+BIGTRI_HD DepthInCell plane_in_cell(const Record& r, int cell_x, int cell_y) {
   DepthInCell d = {&r, cell_x * kBin, cell_y * kBin, 0, 0, 0};
   if constexpr (kDepthRule == DepthRule::kFloat32Cell) {
     int64_t g[3], gx[3], gy[3];
@@ -50,7 +51,6 @@ BIGTRI_HD DepthInCell depth_in_cell(const Record& r, int cell_x, int cell_y) {
     d.dzdx = (z1 * y2 - z2 * y1) / (float)r.area.value;
     d.dzdy = (z2 * x1 - z1 * x2) / (float)r.area.value;
   } else if constexpr (kDepthRule != DepthRule::kFloat32Barycentric) {
-    if (r.flags & kRecordThin) return d;
     const double unit = kDepthRule == DepthRule::kFixedCell ? kFixedOne : 1.0;
     d.z = (PlaneNumber)(depth_at(r.x, r.y, r.z, r.area, d.left, d.top) * unit);
     d.dzdx = (PlaneNumber)(r.dzdx * unit);
@@ -61,6 +61,11 @@ BIGTRI_HD DepthInCell depth_in_cell(const Record& r, int cell_x, int cell_y) {
 
 // Whether the rung's rule treats the record as thin. The rules in float32 know no thin records, as published code does.
 BIGTRI_HD bool is_thin(const Record& r) { return !kFloat32Depth && (r.flags & kRecordThin); }
+
+BIGTRI_HD DepthInCell depth_in_cell(const Record& r, int cell_x, int cell_y) {
+  if (is_thin(r)) return {&r, cell_x * kBin, cell_y * kBin, 0, 0, 0};
+  return plane_in_cell(r, cell_x, cell_y);
+}
 
 // Depth of pixel (i, j) of the cell, rounded to float32, but not clamped. kThin: is_thin(record).
 template <bool kThin>
@@ -81,7 +86,7 @@ BIGTRI_HD float plain_depth(const DepthInCell& d, int i, int j) {
   } else if constexpr (kDepthRule == DepthRule::kFloat32Cell) {
     return (d.z + d.dzdy * (float)j) + d.dzdx * (float)i;
   } else {
-    return (float)(plane_row<double>(d.z, d.dzdy, exact_double(j)) + plane_column<double>(d.dzdx, exact_double(i)));
+    return (float)(plane_row<double>(d.z, d.dzdy, j) + plane_column<double>(d.dzdx, i));
   }
 }
 
