@@ -124,7 +124,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         effort = effort._replace(seconds=options.seconds)
     cases = _cases(command, options)
 
-    print(f"{provenance.device()}; {provenance.versions()}; {provenance.commit()}", flush=True)
+    print(f"{provenance.device(options.device)}; {provenance.versions()}; {provenance.commit()}", flush=True)
     rows: list[Row] = []
     for case in cases:
         if sys.stderr.isatty():

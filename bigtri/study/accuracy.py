@@ -464,7 +464,7 @@ def study(
                     variant=setting_.variant,
                     threads=setting_.threads,
                     isa=isa,
-                    device=provenance.device() if setting_.device == "cpu" else torch.cuda.get_device_name(),
+                    device=provenance.device(setting_.device),
                     versions=provenance.versions(),
                     commit=provenance.commit(),
                     command=provenance.command(),

@@ -249,7 +249,7 @@ def suggest_precision(
         evidence=tuple(sorted(evidence, key=lambda one: one.time.median)),
         resolution=(height, width),
         device=device,
-        machine=provenance.device() if device == "cpu" else torch.cuda.get_device_name(),
+        machine=provenance.device(device),
         pixels=len(at),
         values=len(some),
         seed=seed,
