@@ -74,13 +74,13 @@ BIGTRI_HD void set_places(const float v[3][4], const Viewport& view, const int32
     out->py[k] = place_y(v[order[k]], view.height);
   }
 }
-BIGTRI_HD void set_fan_places(const Fan&, int, const Viewport&, const int32_t[3], PlacesOf<false>*) {}
-BIGTRI_HD void set_fan_places(const Fan& fan, int s, const Viewport& view, const int32_t order[3],
-                              PlacesOf<true>* out) {
+BIGTRI_HD void set_fan_places(const ClipVertex*, int, int, int, const Viewport&, const int32_t[3], PlacesOf<false>*) {}
+BIGTRI_HD void set_fan_places(const ClipVertex* polygon, int apex, int count, int s, const Viewport& view,
+                              const int32_t order[3], PlacesOf<true>* out) {
   int index[3];
-  fan_vertices(fan.apex, fan.count, s, index);
+  fan_vertices(apex, count, s, index);
   for (int k = 0; k < 3; ++k) {
-    const ClipVertex& source = fan.polygon[pick(index, order[k])];
+    const ClipVertex& source = polygon[pick(index, order[k])];
     float v[4];
     for (int i = 0; i < 4; ++i) v[i] = (float)source.position[i];
     out->px[k] = source.made ? (float)place_x(source.position, view.width) : place_x(v, view.width);
@@ -132,7 +132,7 @@ BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], con
     for (int s = 0; s + 2 < fan.count; ++s) {
       if (!fan_primitive(fan.projected, fan.apex, fan.count, s, view, &out->primitive[out->count])) continue;
       Primitive& made = out->primitive[out->count];
-      set_fan_places(fan, s, view, made.order, &made);
+      set_fan_places(fan.polygon, fan.apex, fan.count, s, view, made.order, &made);
       set_fan_weights(fan.polygon, fan.apex, fan.count, s, out->count, out);
       ++out->count;
     }

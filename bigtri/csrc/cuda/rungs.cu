@@ -12,13 +12,19 @@ namespace bigtri {
   cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream); \
   }
 BIGTRI_RUNGS(BIGTRI_OF_RUNG)
+#if defined(BIGTRI_WITH_LADDER)
+BIGTRI_LADDER(BIGTRI_OF_RUNG)
+#endif
 #undef BIGTRI_OF_RUNG
 
 const CudaRung kCudaRungs[] = {
 #define BIGTRI_LISTED(RUNG) {#RUNG, RUNG::kCudaVariants, RUNG::interpolate_cuda},
     BIGTRI_RUNGS(BIGTRI_LISTED)
+#if defined(BIGTRI_WITH_LADDER)
+        BIGTRI_LADDER(BIGTRI_LISTED)
+#endif
 #undef BIGTRI_LISTED
-        {nullptr, nullptr, nullptr},
+            {nullptr, nullptr, nullptr},
 };
 
 }  // namespace bigtri
