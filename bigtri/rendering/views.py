@@ -68,11 +68,9 @@ def normals(normals: NDArray[np.float32], visibility: Visibility) -> NDArray[np.
 
 def depth(visibility: Visibility, camera: Camera) -> NDArray[np.uint8]:
     """Distance along the view direction: near is light, far dark, in equal steps of lightness; blue where nothing is."""
-    near, far = camera.depth_range
     covered = visibility.triangle >= 0
-    assert visibility.depth is not None  # render always asks for it
-    window = np.where(covered, visibility.depth, 0).astype(np.float64)
-    distance = near * far / (far - window * (far - near))
+    assert isinstance(visibility.depth, np.ndarray)  # render always asks for it
+    distance = camera.distance_from_depth(np.where(covered, visibility.depth, 0).astype(np.float64))
     low, high = (distance[covered].min(), distance[covered].max()) if covered.any() else (1.0, 1.0)
     # By the logarithm, equal ratios of distance are equal steps: the foreground keeps its shape in a deep scene.
     nearness = np.ones_like(distance)

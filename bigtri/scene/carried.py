@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import Vector, number, vector
 from .checks import check_array, check_choice
+from .vectors import Vector, number, vector
 
 LAMP_KINDS = ("directional", "point", "spot")
 

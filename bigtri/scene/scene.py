@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from ..choices import CULLS
 from ..ops.texture import FILTERS, WRAPS
-from .camera import Camera, Vector, number, vector
+from .camera import Camera
 from .carried import Lamp, Marks
 from .checks import check_array, check_choice
 from .origin import WORLD_ORIGIN, bounds_of, relative
+from .vectors import Vector, number, vector
 
 ALPHA_MODES = ("opaque", "mask", "blend")
 

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Vector
+from ..camera import Camera
 from ..carried import Marks
 from ..normals import is_closed, smooth_normals, split_normals, weld
 from ..origin import WORLD_ORIGIN, joined, origin_for
 from ..scene import Material, Scene, merge
+from ..vectors import Vector
 from .model import Mesh, Model, ModelError, Paint, Strokes
 from .transforms import bounds_of_placed, mirrors, placed_from, turned
 
@@ -57,7 +58,16 @@ def assemble(model: Model) -> Scene:
             model.found("positions beyond float32", "positions are not finite, or beyond float32: their triangles are not drawn")
     scene = parts[0] if len(parts) == 1 else merge(parts)
     marks = [_marks(strokes, transform, origin) for strokes in model.strokes for transform in strokes.transforms]
-    return scene.with_(marks=marks, cameras=model.cameras, lamps=model.lamps)
+    cameras = [_with_planes(camera, scene) for camera in model.cameras]
+    return scene.with_(marks=marks, cameras=cameras, lamps=model.lamps)
+
+
+def _with_planes(camera: Camera, scene: Scene) -> Camera:
+    """The camera with the near and far planes that the file does not give it, chosen by the scene, if it sees any of it."""
+    try:
+        return camera.fitted(scene.bounds)
+    except ValueError:
+        return camera
 
 
 def _marks(strokes: Strokes, transform: NDArray[np.float64], origin: Vector) -> Marks:

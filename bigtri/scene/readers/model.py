@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Camera, Vector
+from ..camera import Camera
 from ..carried import Lamp
+from ..vectors import Vector
 
 
 class ModelError(ValueError):

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Vector, affine
 from ..origin import bounds_of, joined
+from ..vectors import Vector, affine
 
 # Points that are worked on at a time, so that float64 is not needed of all at once.
 _CHUNK = 1 << 16
