@@ -24,35 +24,37 @@ def distance_from(op: str, depth: ArrayT, near: float, far: float, perspective: 
     Raises:
         TypeError: depth is of another kind.
     """
-    window = _wide(op, "depth", depth)
+    window, near_plane, far_plane = _wide(op, "depth", depth, near, far)
     with np.errstate(invalid="ignore", divide="ignore"):  # at the background's infinity
         if not perspective:
-            distance = near + window * (far - near)
+            distance = near_plane + window * (far_plane - near_plane)
         elif far == math.inf:
-            distance = near / (1 - window)
+            distance = near_plane / (1 - window)
         else:
-            distance = near * far / (far - window * (far - near))
+            distance = near_plane * far_plane / (far_plane - window * (far_plane - near_plane))
     return _like(depth, distance)
 
 
 def depth_from(op: str, distance: ArrayT, near: float, far: float, perspective: bool) -> ArrayT:
     """The inverse of ``distance_from``; arguments and errors as there."""
-    away = _wide(op, "distance", distance)
+    away, near_plane, far_plane = _wide(op, "distance", distance, near, far)
     with np.errstate(invalid="ignore", divide="ignore"):
         if not perspective:
-            window = (away - near) / (far - near)
+            window = (away - near_plane) / (far_plane - near_plane)
         elif far == math.inf:
-            window = (away - near) / away
+            window = (away - near_plane) / away
         else:
-            window = far * (away - near) / (away * (far - near))
+            window = far_plane * (away - near_plane) / (away * (far_plane - near_plane))
     return _like(distance, window)
 
 
-def _wide(op: str, name: str, value: Any) -> Any:
+def _wide(op: str, name: str, value: Any, *planes: float) -> tuple[Any, ...]:
+    """``value`` and the planes in float64, all of one kind: a tensor divides a number by multiplying with its reciprocal."""
     if isinstance(value, torch.Tensor) and value.dtype in (torch.float32, torch.float64):
-        return value.double()
+        wide = value.double()
+        return wide, *(wide.new_full((), plane) for plane in planes)
     if isinstance(value, np.ndarray | np.floating) and value.dtype in (np.float32, np.float64):
-        return value.astype(np.float64)
+        return value.astype(np.float64), *map(np.float64, planes)
     raise TypeError(f"bigtri.{op}: {name} must be a float32 or float64 array or tensor, got {described(value)}")
 
 
