@@ -16,6 +16,8 @@ _SLACK = 2.0**-6
 _NEAREST = 1e-4
 # The eye keeps this part of the size of what it sees away from it.
 _CLOSEST = 1e-2
+# Of what turns, as many slices, and corners of the ring around each at least.
+_SLICES, _CORNERS = 64, 48
 
 
 class View(NamedTuple):
@@ -60,6 +62,40 @@ class View(NamedTuple):
 def corners_of(low: Vector, high: Vector) -> NDArray[np.float64]:
     """float64 [8, 3]: the corners of a box."""
     return np.array(list(itertools.product(*zip(low, high, strict=True))), np.float64)
+
+
+def swept(points: NDArray[np.float64], up_axis: str, turns: int) -> NDArray[np.float64]:
+    """Points around all that [N, 3] become when they are turned around the up axis through the middle of their bounds.
+
+    Args:
+        up_axis: "y" or "z".
+        turns: turning the result by a whole number of 1 / turns of a circle makes the same points of it.
+
+    Returns:
+        float64 [M, 3], of few points: rings around slices of equal height.
+    """
+    points = points[np.isfinite(points).all(axis=1)]
+    up = "xyz".index(up_axis)
+    across = [axis for axis in range(3) if axis != up]
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    offset = points[:, across] - middle[across]
+    radius, height = np.sqrt(offset[:, 0] * offset[:, 0] + offset[:, 1] * offset[:, 1]), points[:, up]
+    low, high = height.min(), height.max()
+    slices = np.minimum((_SLICES * (height - low) / ((high - low) or 1.0)).astype(np.int64), _SLICES - 1)
+    widest, lowest, highest = np.zeros(_SLICES), np.full(_SLICES, np.inf), np.full(_SLICES, -np.inf)
+    np.maximum.at(widest, slices, radius)
+    np.minimum.at(lowest, slices, height)
+    np.maximum.at(highest, slices, height)
+    used = highest >= lowest
+    corners = turns * -(-_CORNERS // turns)
+    angle = 2 * np.pi / corners * np.arange(corners)
+    # A ring's polygon goes around its circle.
+    out = np.tile(widest[used], 2) / np.cos(np.pi / corners)
+    rings = np.empty((len(out), corners, 3))
+    rings[..., across[0]] = middle[across[0]] + out[:, None] * np.cos(angle)
+    rings[..., across[1]] = middle[across[1]] + out[:, None] * np.sin(angle)
+    rings[..., up] = np.concatenate([lowest[used], highest[used]])[:, None]
+    return rings.reshape(-1, 3)
 
 
 def depth_range(nearest: float, farthest: float, perspective: bool) -> tuple[float, float]:
