@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..choices import CULLS
 from ..ops.texture import FILTERS, WRAPS
-from .camera import Camera, Vector, number, vector
+from .camera import Camera
 from .carried import Lamp, Marks
 from .checks import check_array, check_choice
 from .origin import WORLD_ORIGIN, bounds_of, relative
+from .readers.transforms import mirrors, placed, turned
+from .vectors import Vector, number, numbers, vector
 
 if TYPE_CHECKING:
     from .plan import Plan
@@ -152,6 +154,8 @@ class Scene:
         marks: points and lines of a file, any number of sets. This and all below is carried, and not drawn yet.
         cameras: those of a file: ``render`` takes them, but does so only if it is given them.
         lamps: the lights of a file.
+        instance: int32 [T], which object each triangle belongs to, from 0, or None: all belong to object 0. ``merge`` numbers the
+            objects of its scenes one after the other, and readers those of a file; ``instance_ids`` finds them in a picture.
 
     Raises:
         TypeError, ValueError: arrays that do not belong together; the text names the attribute.
@@ -172,6 +176,7 @@ class Scene:
     marks: tuple[Marks, ...] = ()
     cameras: tuple[Camera, ...] = ()
     lamps: tuple[Lamp, ...] = ()
+    instance: NDArray[np.int32] | None = None
 
     def __post_init__(self) -> None:
         self._keep_array("positions", np.float32, "V", 3)
@@ -183,6 +188,10 @@ class Scene:
         if self.material is None:
             object.__setattr__(self, "material", np.zeros(faces, np.int32))
         self._keep_array("material", np.int32, faces)
+        if self.instance is not None:
+            self._keep_array("instance", np.int32, faces)
+            if faces and self.instance.min() < 0:
+                raise ValueError(f"bigtri.Scene: instance must be at least 0, got {self.instance.min()}")
         object.__setattr__(self, "materials", _all_of("materials", self.materials, Material))
         object.__setattr__(self, "lights", _all_of("lights", self.lights, Light))
         if not self.materials:
@@ -211,6 +220,18 @@ class Scene:
         if bounds is None:
             bounds = np.zeros((2, 3))
         return bounds if self.origin == WORLD_ORIGIN else bounds + np.array(self.origin)  # -0 + 0 would be another zero
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """float64 [N, 3], world space: the vertices that the triangles use, which ``Camera.tight_framing`` takes."""
+        used = np.zeros(len(self.positions), bool)
+        used[self.triangles.reshape(-1)] = True
+        return self.positions[used].astype(np.float64) + np.array(self.origin)
+
+    @property
+    def instance_count(self) -> int:
+        """How many numbers objects may have: one more than the highest in ``instance``."""
+        return 1 if self.instance is None else int(self.instance.max(initial=0)) + 1
 
     @property
     def used_materials(self) -> tuple[int, ...]:
@@ -257,10 +278,41 @@ class Scene:
         """A copy with other attributes."""
         return replace(self, **changes)
 
+    # A point beyond float32's range becomes an infinity, and rasterize drops and counts its triangles.
+    @np.errstate(over="ignore", invalid="ignore")
+    def moved(self, matrix: ArrayLike) -> Scene:
+        """The scene at another pose: ``merge([a.moved(A), b.moved(B)])`` puts several together.
+
+        Positions and marks go by the matrix, normals by its inverse transpose, in float64, and the origin is chosen anew, as
+        ``load_scene`` chooses it. A matrix that mirrors turns triangles round, so that their fronts stay fronts. Lights, and the
+        cameras and lamps of files, stay where they are.
+
+        Args:
+            matrix: [4, 4], from world space to world space, affine, for column vectors.
+
+        Raises:
+            TypeError, ValueError: something else.
+        """
+        affine = numbers("Scene.moved", "matrix", matrix)
+        if affine.shape != (4, 4):
+            raise ValueError(f"bigtri.Scene.moved: matrix must be [4, 4], got {list(affine.shape)}")
+        if not (np.isfinite(affine).all() and affine[3].tolist() == [0, 0, 0, 1]):
+            raise ValueError(f"bigtri.Scene.moved: matrix must be finite with a last row of 0 0 0 1, got {affine.tolist()}")
+        origin, (positions,) = relative([placed(affine, self.positions.astype(np.float64) + np.array(self.origin))])
+        return replace(
+            self,
+            positions=positions,
+            triangles=self.triangles[:, ::-1] if mirrors(affine) else self.triangles,
+            normals=None if self.normals is None else turned(affine, self.normals),
+            origin=origin,
+            marks=tuple(marks.placed(affine, self.origin, origin) for marks in self.marks),
+        )
+
 
 def merge(scenes: Sequence[Scene]) -> Scene:
     """One scene with the geometry, materials, marks, cameras and lamps of all. Lights, ambient light, background and culling are
-    the first one's.
+    the first one's. Instances are numbered one after the other: those of the first scene keep their numbers, those of the second
+    follow, a scene without numbers being one instance.
 
     Where all have the same origin, positions stay as they are. Otherwise they are brought together in float64, and the origin is
     chosen anew, as ``load_scene`` chooses it.
@@ -274,6 +326,7 @@ def merge(scenes: Sequence[Scene]) -> Scene:
     if not scenes:
         raise ValueError("bigtri.merge: scenes must hold at least one scene, got none")
     vertex_offset = np.cumsum([0] + [len(s.positions) for s in scenes])
+    instance_offset = np.cumsum([0] + [s.instance_count for s in scenes])
     materials: dict[int, int] = {}  # a material that several scenes share is kept once: identity to index
     kept: list[Material] = []
     indices = []
@@ -300,11 +353,17 @@ def merge(scenes: Sequence[Scene]) -> Scene:
         material=np.concatenate(indices),
         materials=tuple(kept),
         origin=origin,
-        marks=tuple(marks.moved(s.origin, origin) for s in scenes for marks in s.marks),
+        marks=tuple(marks.counted_from(s.origin, origin) for s in scenes for marks in s.marks),
         cameras=tuple(camera for s in scenes for camera in s.cameras),
         lamps=tuple(lamp for s in scenes for lamp in s.lamps),
+        instance=np.concatenate([_instances_from(int(first), s) for first, s in zip(instance_offset, scenes, strict=False)]),
         **joined,
     )
+
+
+def _instances_from(first: int, scene: Scene) -> NDArray[np.int32]:
+    """int32 [T]: a scene's instances, counted from ``first``."""
+    return np.full(len(scene.triangles), first, np.int32) if scene.instance is None else scene.instance + np.int32(first)
 
 
 def _without_missing(material: Material, scene: Scene) -> Material:

@@ -52,7 +52,7 @@ def test_backends_draw_the_same(model, tmp_path):
     ("arguments", "text"),
     [
         (["nowhere.glb", "-o", "x.png"], "no such file: nowhere.glb"),
-        (["{model}", "-o", "x.gif"], "--out must end in .png"),
+        (["{model}", "-o", "x.svg"], "--out must end in .png"),
         (["{model}", "-o", "no/such/folder/x.png"], "make it first"),
         (["{model}", "-o", "{folder}/folder.png"], "--out must be a file"),
         (["{folder}/two.obj", "-o", "{folder}/x.png"], "line 1: v must have 3 numbers or more, got '0 0'"),

@@ -1,0 +1,167 @@
+"""The work of ``bigtri render``: from its options to cameras, pictures and files."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..choices import VIEWS
+from ..reference.numerics import MAX_SIZE
+from ..rendering import depth_file, figure, views
+from ..scene import load_scene
+from ..scene.camera import Camera
+from ..scene.fit import swept
+from ..scene.scene import Scene
+
+Progress = Callable[[str], None]
+T = TypeVar("T")
+
+_STILL = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+_ANIMATED = (".gif", ".webp", ".apng")
+# Of the camera's options, those that say where it is.
+_PLACING = ("azimuth", "turntable", "tight", "orthographic")
+
+
+def run(options: argparse.Namespace, say: Progress) -> list[Path]:
+    """Draw what the options ask for.
+
+    Args:
+        options: as ``render_options`` has them.
+        say: gets a line before each longer step.
+
+    Returns:
+        The files written.
+
+    Raises:
+        OSError, ValueError: an option or a file that is wrong; the text names it.
+    """
+    _check(options)
+    started = time.perf_counter()
+    width, height = options.size
+    say(f"reading {options.model}")
+    scene = load_scene(options.model, strict=options.strict).with_(cull=options.cull)
+    say(f"{len(scene.triangles)} triangles, {len(scene.used_materials)} materials")
+    cameras = _cameras(options, scene, width / height)
+    written = []
+    for view in VIEWS if options.view == "all" else (options.view,):
+        say(f"drawing {view}")
+        drawn = (_picture(options, view, scene, camera) for camera in _said(cameras, say))
+        written += _save(options, view, drawn, len(cameras))
+    if options.depth is not None:
+        say("drawing depths")
+        scale = depth_file.SCALE if options.depth_scale is None else options.depth_scale
+        for path, camera in zip(_numbered(options.depth, len(cameras)), _said(cameras, say), strict=True):
+            distance = depth_file.distances(scene, camera, (height, width), backend=options.backend)
+            written.append(depth_file.save(path, distance, scale))
+    say(f"done in {time.perf_counter() - started:.1f} s")
+    return written
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Complain before the work is done, not after."""
+    _check_path("--out", options.out, _STILL + _ANIMATED)
+    width, height = options.size
+    most = MAX_SIZE // max(width, height)
+    if options.view in ("shaded", "all") and options.supersample > most:
+        raise ValueError(f"--supersample must be at most {most} at {width}x{height} px, got {options.supersample}")
+    for name in ("threshold", "triangle"):
+        if getattr(options, name) is not None and options.view not in ("bins", "all"):
+            raise ValueError(f"--{name} must be given with --view bins, got --view {options.view}")
+    if options.tight and options.distance != 1:
+        raise ValueError(f"--distance must not be given with --tight, which chooses it, got {options.distance:g}")
+    if options.camera is not None:
+        for name in _PLACING:
+            if getattr(options, name):
+                raise ValueError(f"--{name} must not be given with --camera, which has a place already")
+    if options.depth is not None:
+        _check_path("--depth", options.depth, depth_file.KINDS)
+    if options.depth_scale is not None:
+        if options.depth is None or options.depth.suffix.lower() != ".png":
+            raise ValueError("--depth-scale must be given with --depth FILE.png: other files have the model's units")
+        if not 0 < options.depth_scale < np.inf:
+            raise ValueError(f"--depth-scale must be positive and finite, got {options.depth_scale}")
+
+
+def _check_path(option: str, path: Path, kinds: tuple[str, ...]) -> None:
+    if path.suffix.lower() not in kinds:
+        raise ValueError(f"{option} must end in {', '.join(kinds)}, got {path.name!r}")
+    if not path.parent.is_dir():
+        raise ValueError(f"{option} must be in a folder that is there, got {path.parent}: make it first")
+    if path.is_dir():
+        raise ValueError(f"{option} must be a file, got the folder {path}")
+
+
+def _cameras(options: argparse.Namespace, scene: Scene, aspect: float) -> list[Camera]:
+    """One for each picture."""
+    if options.camera is not None:
+        if options.camera >= len(scene.cameras):
+            raise ValueError(f"--camera must be one of the file's {len(scene.cameras)}, from 0, got {options.camera}")
+        cameras = [scene.cameras[options.camera].fitted(scene.bounds)]
+    else:
+        azimuths = [30.0] if options.azimuth is None else options.azimuth
+        frames = options.turntable or 1
+        azimuths = [azimuth + 360 * frame / frames for azimuth in azimuths for frame in range(frames)]
+        cameras = list(_around(options, scene, azimuths, aspect))
+    if options.near is None and options.far is None:
+        return cameras
+    given = ((options.near, options.far, *camera.depth_range) for camera in cameras)
+    planes = [(low if near is None else near, high if far is None else far) for near, far, low, high in given]
+    return [camera.with_depth_range(*pair) for camera, pair in zip(cameras, planes, strict=True)]
+
+
+def _around(options: argparse.Namespace, scene: Scene, azimuths: list[float], aspect: float) -> Iterator[Camera]:
+    lens: dict[str, Any] = {
+        "aspect": aspect,
+        "fov_y": options.fov,
+        "up_axis": options.up,
+        "orthographic": options.orthographic,
+    }
+    if not options.tight:
+        for azimuth in azimuths:
+            yield Camera.framing(scene.bounds, azimuth, options.elevation, options.distance, **lens)
+        return
+    # All that a turntable shows fits one picture, so that nothing grows and shrinks from one to the next.
+    points = swept(scene.points, options.up, options.turntable) if options.turntable else scene.points
+    for azimuth in azimuths:
+        yield Camera.tight_framing(points, azimuth, options.elevation, **lens)
+
+
+def _picture(options: argparse.Namespace, view: str, scene: Scene, camera: Camera) -> NDArray[np.uint8]:
+    width, height = options.size
+    how = {"backend": options.backend, "supersample": options.supersample}
+    return views.picture(view, scene, camera, (height, width), triangle=options.triangle, threshold=options.threshold, **how)
+
+
+def _save(options: argparse.Namespace, view: str, pictures: Iterable[NDArray[np.uint8]], count: int) -> list[Path]:
+    """Writes the pictures of one view, as they come."""
+    suffix = f"-{view}" if options.view == "all" else ""
+    path = options.out.with_stem(options.out.stem + suffix)
+    if path.suffix.lower() in _ANIMATED:
+        return [figure.save_animation(path, list(pictures), 1 / options.fps)]
+    paths = [one.with_stem(one.stem + suffix) for one in _numbered(options.out, count)]
+    return [figure.save(one, picture) for one, picture in zip(paths, pictures, strict=True)]
+
+
+def _numbered(path: Path, count: int) -> list[Path]:
+    """The path, or where there are several, as many with a number each, from 0, all of the same length."""
+    if count == 1:
+        return [path]
+    digits = len(str(count - 1))
+    return [path.with_stem(f"{path.stem}-{number:0{digits}}") for number in range(count)]
+
+
+def _said(items: list[T], say: Progress) -> Iterator[T]:
+    """The items; whenever a second has gone by, how far it is."""
+    last = time.perf_counter()
+    for number, item in enumerate(items):
+        now = time.perf_counter()
+        if now - last >= 1:
+            last = now
+            say(f"  {number} of {len(items)}")
+        yield item
