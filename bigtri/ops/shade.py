@@ -1,4 +1,4 @@
-"""Pictures: of a visibility buffer, or straight from triangles; the arithmetic is docs/numerics.md section 16."""
+"""Pictures: of a visibility buffer, or straight from triangles; the arithmetic is docs/numerics.md section 18."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def draw(
         dropped = positions.new_empty(len(positions), dtype=torch.int64)
         thresholds = torch_private.beside(THRESHOLDS, positions)
         torch.ops.bigtri.draw.default(
-            *(positions, triangles, height, width, cull, *surface, thresholds, arithmetic.name),
+            *(positions, triangles, height, width, cull, *surface, thresholds, arithmetic.name, []),
             *(image, made.albedo, made.normals, made.linear, packed, depth, dropped),
         )
         return dropped

@@ -1,4 +1,4 @@
-"""The shading pass: from a visibility buffer to a picture; docs/numerics.md section 16."""
+"""The shading pass: from a visibility buffer to a picture; docs/numerics.md section 18."""
 
 from __future__ import annotations
 

@@ -18,11 +18,12 @@ from ..ops.shade import Made, draw, new_made
 from ..ops.transform import transform
 from ..precision import DEFAULT, Arithmetic, Precision
 from ..reference.numerics import MAX_SIZE
-from ..scene.camera import Camera, Vector
+from ..scene.camera import Camera
 from ..scene.load import from_trimesh, load_scene
 from ..scene.plan import Plan, RenderPlan, plan_for
 from ..scene.scene import Scene, background_of
 from ..scene.tensors import SceneTensors
+from ..scene.vectors import Vector
 
 # A model by its path, or a mesh or scene of trimesh's.
 Drawable: TypeAlias = "Scene | SceneTensors | str | os.PathLike[str] | Any"

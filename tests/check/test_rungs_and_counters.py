@@ -120,7 +120,9 @@ def test_attributes_of_a_rung_without_stages(name: str, precision: str) -> None:
         assert np.asarray(images[0]).tobytes() == np.asarray(images[1]).tobytes()
     with pytest.raises(ValueError, match=f"bigtri.setup: backend must be 'reference' with precision '{precision}'"):
         stages.setup(positions, triangles, *resolution, backend="native", precision=precision)
-    with pytest.raises(RuntimeError, match="bigtri::setup: precision must be one whose records and spans hold all that coverage needs"):
+    with pytest.raises(
+        RuntimeError, match="bigtri::setup: precision must be one whose records and spans hold all that coverage needs"
+    ):
         torch.ops.bigtri.setup(
             *map(torch.from_numpy, (positions, triangles)), *resolution, cull="none", scissor=[0, 0, 1, 1], precision=precision
         )

@@ -1,4 +1,4 @@
-// The kernel of the shading pass; docs/numerics.md 16. It finishes the pixels of a block of a visibility buffer: weights,
+// The kernel of the shading pass; docs/numerics.md 18. It finishes the pixels of a block of a visibility buffer: weights,
 // attributes, texture, vertex colour, light, sRGB. Called by shade.cpp for every block of an image, and by bin_owned.inl
 // for each bin that has been drawn. Compiled once per instruction set.
 //

@@ -81,14 +81,15 @@ void draw_op(const Tensor& positions, const Tensor& triangles, int64_t height, i
              const std::optional<Tensor>& normals, const std::optional<Tensor>& face_normals, const Tensor& material,
              const Tensor& looks, const Tensor& base_colors, const std::vector<Tensor>& textures,
              const Tensor& light_directions, const Tensor& light_colors, const Tensor& constants, bool two_sided,
-             const Tensor& thresholds, const std::string& precision, const Tensor& image,
-             const std::optional<Tensor>& albedo, const std::optional<Tensor>& normal_image,
+             const Tensor& thresholds, const std::string& precision, const std::vector<int64_t>& parameters,
+             const Tensor& image, const std::optional<Tensor>& albedo, const std::optional<Tensor>& normal_image,
              const std::optional<Tensor>& linear, const std::optional<Tensor>& packed,
              const std::optional<Tensor>& depth, const Tensor& dropped) {
   const char* op = "draw";
   const Viewport view = viewport(op, height, width, cull, {0, 0, width, height});
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
   const Variant& variant = **rung.variants;
+  const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
   check(op, "positions", positions, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
   const int64_t views = positions.size(0), pixels = height * width;
   check_count(op, "positions", views);
@@ -128,7 +129,6 @@ void draw_op(const Tensor& positions, const Tensor& triangles, int64_t height, i
   frame.depth = depth ? data<float>(*depth) : nullptr;
   frame.dropped = data<int64_t>(dropped);
   frame.shade = fused ? &shading.job : nullptr;
-  const std::vector<int64_t> values = checked_parameters(op, variant, {});
   variant.draw(frame, parallel, values.data());
   if (fused) return;
   shading.job.packed = frame.packed;
