@@ -24,8 +24,12 @@ T = TypeVar("T")
 
 _STILL = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 _ANIMATED = (".gif", ".webp", ".apng")
-# Of the camera's options, those that say where it is.
-_PLACING = ("azimuth", "turntable", "tight", "orthographic")
+# Options that do not go together: each with those that would mean nothing beside it.
+_ALONE = {
+    "camera": ("azimuth", "elevation", "distance", "tight", "fov", "orthographic", "up", "turntable"),
+    "tight": ("distance",),
+    "orthographic": ("fov",),
+}
 
 
 def run(options: argparse.Namespace, say: Progress) -> list[Path]:
@@ -73,12 +77,10 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("threshold", "triangle"):
         if getattr(options, name) is not None and options.view not in ("bins", "all"):
             raise ValueError(f"--{name} must be given with --view bins, got --view {options.view}")
-    if options.tight and options.distance != 1:
-        raise ValueError(f"--distance must not be given with --tight, which chooses it, got {options.distance:g}")
-    if options.camera is not None:
-        for name in _PLACING:
-            if getattr(options, name):
-                raise ValueError(f"--{name} must not be given with --camera, which has a place already")
+    for alone, others in _ALONE.items():
+        for other in others:
+            if _is_given(options, alone) and _is_given(options, other):
+                raise ValueError(f"--{other} must not be given with --{alone}, beside which it means nothing")
     if options.depth is not None:
         _check_path("--depth", options.depth, depth_file.KINDS)
     if options.depth_scale is not None:
@@ -86,6 +88,11 @@ def _check(options: argparse.Namespace) -> None:
             raise ValueError("--depth-scale must be given with --depth FILE.png: other files have the model's units")
         if not 0 < options.depth_scale < np.inf:
             raise ValueError(f"--depth-scale must be positive and finite, got {options.depth_scale}")
+
+
+def _is_given(options: argparse.Namespace, name: str) -> bool:
+    value = getattr(options, name)
+    return value is not None and value is not False  # 0 is a camera
 
 
 def _check_path(option: str, path: Path, kinds: tuple[str, ...]) -> None:
@@ -116,20 +123,23 @@ def _cameras(options: argparse.Namespace, scene: Scene, aspect: float) -> list[C
 
 
 def _around(options: argparse.Namespace, scene: Scene, azimuths: list[float], aspect: float) -> Iterator[Camera]:
+    elevation = 20.0 if options.elevation is None else options.elevation
+    distance = 1.0 if options.distance is None else options.distance
+    up_axis = options.up or "y"
     lens: dict[str, Any] = {
         "aspect": aspect,
-        "fov_y": options.fov,
-        "up_axis": options.up,
+        "fov_y": 40.0 if options.fov is None else options.fov,
+        "up_axis": up_axis,
         "orthographic": options.orthographic,
     }
     if not options.tight:
         for azimuth in azimuths:
-            yield Camera.framing(scene.bounds, azimuth, options.elevation, options.distance, **lens)
+            yield Camera.framing(scene.bounds, azimuth, elevation, distance, **lens)
         return
     # All that a turntable shows fits one picture, so that nothing grows and shrinks from one to the next.
-    points = swept(scene.points, options.up, options.turntable) if options.turntable else scene.points
+    points = swept(scene.points, up_axis, options.turntable) if options.turntable else scene.points
     for azimuth in azimuths:
-        yield Camera.tight_framing(points, azimuth, options.elevation, **lens)
+        yield Camera.tight_framing(points, azimuth, elevation, **lens)
 
 
 def _picture(options: argparse.Namespace, view: str, scene: Scene, camera: Camera) -> NDArray[np.uint8]:

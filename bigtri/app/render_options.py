@@ -43,14 +43,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_camera(camera: argparse._ArgumentGroup) -> None:
+    # What is not given is None, so that it can be told whether it goes with the rest; ``pictures`` has the values.
     about = "degrees around the up axis; several make several pictures, numbered (default: 30)"
     camera.add_argument("--azimuth", type=float, nargs="+", metavar="DEGREES", help=about)
-    camera.add_argument("--elevation", type=float, default=20.0, help="degrees above the horizon (default: %(default)g)")
-    camera.add_argument("--distance", type=float, default=1.0, help="1 fits the model, 2 is twice as far (default: %(default)g)")
+    camera.add_argument("--elevation", type=float, help="degrees above the horizon (default: 20)")
+    camera.add_argument("--distance", type=float, help="1 fits the model, 2 is twice as far (default: 1)")
     camera.add_argument("--tight", action="store_true", help="fit the picture to what is seen of the model, and not to a sphere")
-    camera.add_argument("--fov", type=float, default=40.0, help="vertical field of view, degrees (default: %(default)g)")
+    camera.add_argument("--fov", type=float, help="vertical field of view, degrees (default: 40)")
     camera.add_argument("--orthographic", action="store_true", help="no perspective: parallel lines stay parallel")
-    camera.add_argument("--up", choices=("y", "z"), default="y", help="the model's up axis (default: %(default)s)")
+    camera.add_argument("--up", choices=("y", "z"), help="the model's up axis (default: y)")
     about = "N pictures from all around, from the azimuth on: an animation, or numbered files"
     camera.add_argument("--turntable", type=arguments.whole(1, 10_000), metavar="N", help=about)
     camera.add_argument("--fps", type=arguments.whole(1, 100), default=12, help="pictures a second of an animation (default: 12)")

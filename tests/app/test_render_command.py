@@ -125,6 +125,7 @@ def test_a_camera_of_the_file(tmp_path, capsys):
         (["--camera", 1], "--camera must be one of the file's 1, from 0, got 1"),
         (["--camera", 0, "--tight"], "--tight must not be given with --camera"),
         (["--camera", 0, "--azimuth", 5], "--azimuth must not be given with --camera"),
+        (["--camera", 0, "--fov", 40], "--fov must not be given with --camera, beside which it means nothing"),
     ):
         assert cli.main(["render", str(path), "-o", str(tmp_path / "s.png"), *map(str, arguments)]) == 2
         assert text in capsys.readouterr().err
@@ -231,6 +232,7 @@ def test_how_far_it_is_is_said_once_a_second(model, tmp_path, capsys, monkeypatc
         (["--depth-scale", "10"], "--depth-scale must be given with --depth FILE.png"),
         (["--depth", "{folder}/x.png", "--depth-scale", "0"], "--depth-scale must be positive"),
         (["--tight", "--distance", "2"], "--distance must not be given with --tight"),
+        (["--orthographic", "--fov", "20"], "--fov must not be given with --orthographic"),
         (["--camera", "0"], "--camera must be one of the file's 0, from 0, got 0"),
     ],
 )
