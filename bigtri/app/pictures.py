@@ -12,23 +12,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..choices import VIEWS
+from ..ops.shading import decode_srgb
 from ..reference.numerics import MAX_SIZE
 from ..rendering import depth_file, figure, views
 from ..scene import load_scene
 from ..scene.camera import Camera
 from ..scene.fit import swept
 from ..scene.scene import Scene
+from ..scene.vectors import Vector
 
 Progress = Callable[[str], None]
 T = TypeVar("T")
 
 _STILL = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 _ANIMATED = (".gif", ".webp", ".apng")
+# Without an alpha channel.
+_OPAQUE = (".jpg", ".jpeg", ".bmp")
 # Options that do not go together: each with those that would mean nothing beside it.
 _ALONE = {
     "camera": ("azimuth", "elevation", "distance", "tight", "fov", "orthographic", "up", "turntable"),
     "tight": ("distance",),
     "orthographic": ("fov",),
+    "transparent": ("background",),
 }
 
 
@@ -81,6 +86,13 @@ def _check(options: argparse.Namespace) -> None:
         for other in others:
             if _is_given(options, alone) and _is_given(options, other):
                 raise ValueError(f"--{other} must not be given with --{alone}, beside which it means nothing")
+    for name in ("background", "transparent"):
+        if _is_given(options, name) and options.view not in ("shaded", "all"):
+            raise ValueError(f"--{name} must be given with --view shaded, got --view {options.view}")
+    if options.background is not None and len(options.background) > 2:
+        raise ValueError(f"--background must be one colour, or two, got {len(options.background)}")
+    if options.transparent and options.out.suffix.lower() in _OPAQUE:
+        raise ValueError(f"--out must not end in {', '.join(_OPAQUE)} with --transparent, got {options.out.name!r}")
     if options.depth is not None:
         _check_path("--depth", options.depth, depth_file.KINDS)
     if options.depth_scale is not None:
@@ -144,8 +156,24 @@ def _around(options: argparse.Namespace, scene: Scene, azimuths: list[float], as
 
 def _picture(options: argparse.Namespace, view: str, scene: Scene, camera: Camera) -> NDArray[np.uint8]:
     width, height = options.size
-    how = {"backend": options.backend, "supersample": options.supersample}
-    return views.picture(view, scene, camera, (height, width), triangle=options.triangle, threshold=options.threshold, **how)
+    return views.picture(
+        view,
+        scene,
+        camera,
+        (height, width),
+        backend=options.backend,
+        supersample=options.supersample,
+        triangle=options.triangle,
+        threshold=options.threshold,
+        transparent=options.transparent,
+        background=None if options.background is None else _linear(options.background),
+    )
+
+
+def _linear(colors: list[tuple[int, int, int]]) -> tuple[Vector, Vector]:
+    """The colours at the top and at the bottom, of one or two in sRGB codes."""
+    top, bottom = (decode_srgb(np.array(codes, np.uint8)).tolist() for codes in (colors[0], colors[-1]))
+    return (top[0], top[1], top[2]), (bottom[0], bottom[1], bottom[2])
 
 
 def _save(options: argparse.Namespace, view: str, pictures: Iterable[NDArray[np.uint8]], count: int) -> list[Path]:

@@ -14,6 +14,7 @@ examples:
   bigtri render duck.glb -o duck.png --size 1920x1080 --azimuth 120 --elevation 10 --supersample 3 --tight
   bigtri render duck.glb -o duck.png --azimuth 0 90 180    writes duck-0.png, duck-1.png, duck-2.png
   bigtri render duck.glb -o duck.gif --turntable 36        an animation; with .png, duck-00.png to duck-35.png
+  bigtri render duck.glb -o duck.png --transparent         or --background white, or --background navy '#eef'
   bigtri render duck.glb -o duck.png --view all            writes duck-shaded.png, duck-normals.png, ...
   bigtri render part.stl -o part.png --orthographic --up z --elevation 90
   bigtri render room.glb -o room.png --depth room.tiff     and how far away everything is, in the model's units
@@ -29,6 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--strict", action="store_true", help="draw nothing if the file has what the picture would not show")
     parser.add_argument("--size", type=arguments.size, default=(1280, 960), metavar="WxH", help="pixels (default: 1280x960)")
     parser.add_argument("--view", choices=(*VIEWS, "all"), default="shaded", help="what to show (default: %(default)s)")
+    behind = parser.add_argument_group("background, shaded view only")
+    about = "one colour, or one at the top and one at the bottom: names, r,g,b from 0 to 255, or '#rrggbb' (default: a sky)"
+    behind.add_argument("--background", type=arguments.color, nargs="+", metavar="COLOR", help=about)
+    behind.add_argument("--transparent", action="store_true", help="none: an alpha channel says where the model is")
     _add_camera(parser.add_argument_group("camera"))
     _add_depth(parser.add_argument_group("depth"))
     bins = parser.add_argument_group("the view bins")
