@@ -12,20 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..choices import VIEWS
+from ..ops.shading import decode_srgb
 from ..reference.numerics import MAX_SIZE
 from ..rendering import depth_file, figure, views
 from ..scene import load_scene
 from ..scene.camera import Camera
 from ..scene.fit import swept
 from ..scene.scene import Scene
+from ..scene.vectors import Vector
 
 Progress = Callable[[str], None]
 T = TypeVar("T")
 
 _STILL = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 _ANIMATED = (".gif", ".webp", ".apng")
-# Of the camera's options, those that say where it is.
-_PLACING = ("azimuth", "turntable", "tight", "orthographic")
+# Without an alpha channel.
+_OPAQUE = (".jpg", ".jpeg", ".bmp")
+# Options that do not go together: each with those that would mean nothing beside it.
+_ALONE = {
+    "camera": ("azimuth", "elevation", "distance", "tight", "fov", "orthographic", "up", "turntable"),
+    "tight": ("distance",),
+    "orthographic": ("fov",),
+    "transparent": ("background",),
+}
 
 
 def run(options: argparse.Namespace, say: Progress) -> list[Path]:
@@ -73,12 +82,17 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("threshold", "triangle"):
         if getattr(options, name) is not None and options.view not in ("bins", "all"):
             raise ValueError(f"--{name} must be given with --view bins, got --view {options.view}")
-    if options.tight and options.distance != 1:
-        raise ValueError(f"--distance must not be given with --tight, which chooses it, got {options.distance:g}")
-    if options.camera is not None:
-        for name in _PLACING:
-            if getattr(options, name):
-                raise ValueError(f"--{name} must not be given with --camera, which has a place already")
+    for alone, others in _ALONE.items():
+        for other in others:
+            if _is_given(options, alone) and _is_given(options, other):
+                raise ValueError(f"--{other} must not be given with --{alone}, beside which it means nothing")
+    for name in ("background", "transparent"):
+        if _is_given(options, name) and options.view not in ("shaded", "all"):
+            raise ValueError(f"--{name} must be given with --view shaded, got --view {options.view}")
+    if options.background is not None and len(options.background) > 2:
+        raise ValueError(f"--background must be one colour, or two, got {len(options.background)}")
+    if options.transparent and options.out.suffix.lower() in _OPAQUE:
+        raise ValueError(f"--out must not end in {', '.join(_OPAQUE)} with --transparent, got {options.out.name!r}")
     if options.depth is not None:
         _check_path("--depth", options.depth, depth_file.KINDS)
     if options.depth_scale is not None:
@@ -86,6 +100,11 @@ def _check(options: argparse.Namespace) -> None:
             raise ValueError("--depth-scale must be given with --depth FILE.png: other files have the model's units")
         if not 0 < options.depth_scale < np.inf:
             raise ValueError(f"--depth-scale must be positive and finite, got {options.depth_scale}")
+
+
+def _is_given(options: argparse.Namespace, name: str) -> bool:
+    value = getattr(options, name)
+    return value is not None and value is not False  # 0 is a camera
 
 
 def _check_path(option: str, path: Path, kinds: tuple[str, ...]) -> None:
@@ -116,26 +135,45 @@ def _cameras(options: argparse.Namespace, scene: Scene, aspect: float) -> list[C
 
 
 def _around(options: argparse.Namespace, scene: Scene, azimuths: list[float], aspect: float) -> Iterator[Camera]:
+    elevation = 20.0 if options.elevation is None else options.elevation
+    distance = 1.0 if options.distance is None else options.distance
+    up_axis = options.up or "y"
     lens: dict[str, Any] = {
         "aspect": aspect,
-        "fov_y": options.fov,
-        "up_axis": options.up,
+        "fov_y": 40.0 if options.fov is None else options.fov,
+        "up_axis": up_axis,
         "orthographic": options.orthographic,
     }
     if not options.tight:
         for azimuth in azimuths:
-            yield Camera.framing(scene.bounds, azimuth, options.elevation, options.distance, **lens)
+            yield Camera.framing(scene.bounds, azimuth, elevation, distance, **lens)
         return
     # All that a turntable shows fits one picture, so that nothing grows and shrinks from one to the next.
-    points = swept(scene.points, options.up, options.turntable) if options.turntable else scene.points
+    points = swept(scene.points, up_axis, options.turntable) if options.turntable else scene.points
     for azimuth in azimuths:
-        yield Camera.tight_framing(points, azimuth, options.elevation, **lens)
+        yield Camera.tight_framing(points, azimuth, elevation, **lens)
 
 
 def _picture(options: argparse.Namespace, view: str, scene: Scene, camera: Camera) -> NDArray[np.uint8]:
     width, height = options.size
-    how = {"backend": options.backend, "supersample": options.supersample}
-    return views.picture(view, scene, camera, (height, width), triangle=options.triangle, threshold=options.threshold, **how)
+    return views.picture(
+        view,
+        scene,
+        camera,
+        (height, width),
+        backend=options.backend,
+        supersample=options.supersample,
+        triangle=options.triangle,
+        threshold=options.threshold,
+        transparent=options.transparent,
+        background=None if options.background is None else _linear(options.background),
+    )
+
+
+def _linear(colors: list[tuple[int, int, int]]) -> tuple[Vector, Vector]:
+    """The colours at the top and at the bottom, of one or two in sRGB codes."""
+    top, bottom = (decode_srgb(np.array(codes, np.uint8)).tolist() for codes in (colors[0], colors[-1]))
+    return (top[0], top[1], top[2]), (bottom[0], bottom[1], bottom[2])
 
 
 def _save(options: argparse.Namespace, view: str, pictures: Iterable[NDArray[np.uint8]], count: int) -> list[Path]:

@@ -5,6 +5,8 @@ Each is computed from the buffers or from the stages themselves, so that a pictu
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,7 @@ from ..reference.records import Records
 from ..reference.shading import encode_srgb
 from ..scene.camera import Camera
 from ..scene.scene import Scene
+from ..scene.vectors import Vector
 from . import figure
 from .figure import Color
 from .render import render
@@ -44,8 +47,10 @@ def picture(
     supersample: int = 1,
     triangle: int | None = None,
     threshold: int | None = None,
+    transparent: bool = False,
+    background: tuple[Vector, Vector] | None = None,
 ) -> NDArray[np.uint8]:
-    """One of ``VIEWS`` of a scene, uint8 [H, W, 3].
+    """One of ``VIEWS`` of a scene, uint8 [H, W, 3], or [H, W, 4] where it is transparent.
 
     Args:
         view: its name.
@@ -54,6 +59,7 @@ def picture(
         backend: as for ``render``.
         supersample: of "shaded" alone.
         triangle, threshold: of "bins" alone; as for ``bins``.
+        transparent, background: of "shaded" alone; as for ``render``.
 
     Raises:
         ValueError: an unknown view, or a triangle that is none.
@@ -61,7 +67,10 @@ def picture(
     if view not in VIEWS:
         raise ValueError(f"bigtri.views: view must be one of {', '.join(map(repr, VIEWS))}, got {view!r}")
     if view == "shaded":
-        return render(scene, camera, resolution, backend=backend, supersample=supersample)
+        # The one place where what is behind the scene is passed on.
+        asked_for = {"transparent": transparent or None, "background": background}
+        behind: dict[str, Any] = {name: value for name, value in asked_for.items() if value is not None}
+        return render(scene, camera, resolution, backend=backend, supersample=supersample, **behind)
     image, buffers = render(scene, camera, resolution, backend=backend, return_buffers=True)
     if view == "normals":
         lit = buffers.normals if buffers.normals is not None else np.zeros_like(buffers.linear)

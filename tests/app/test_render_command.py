@@ -1,5 +1,6 @@
 """bigtri render: its cameras, numbered pictures, animations, depth files and the view of the bins."""
 
+from inspect import signature
 from types import SimpleNamespace
 
 import gltf_files
@@ -11,6 +12,7 @@ from skimage import io
 
 from bigtri import Camera, load_scene, render
 from bigtri.app import cli, pictures
+from bigtri.reference.shading import decode_table
 from bigtri.rendering import depth_file, views
 
 
@@ -26,6 +28,11 @@ def run(capsys, *arguments):
     assert cli.main(["render", *map(str, arguments), "--size", "48x32"]) == 0
     printed = capsys.readouterr()
     return printed.out.split(), printed.err
+
+
+def decode(code):
+    """The linear value of an sRGB code."""
+    return float(decode_table()[code])
 
 
 def read(path):
@@ -125,6 +132,7 @@ def test_a_camera_of_the_file(tmp_path, capsys):
         (["--camera", 1], "--camera must be one of the file's 1, from 0, got 1"),
         (["--camera", 0, "--tight"], "--tight must not be given with --camera"),
         (["--camera", 0, "--azimuth", 5], "--azimuth must not be given with --camera"),
+        (["--camera", 0, "--fov", 40], "--fov must not be given with --camera, beside which it means nothing"),
     ):
         assert cli.main(["render", str(path), "-o", str(tmp_path / "s.png"), *map(str, arguments)]) == 2
         assert text in capsys.readouterr().err
@@ -231,6 +239,7 @@ def test_how_far_it_is_is_said_once_a_second(model, tmp_path, capsys, monkeypatc
         (["--depth-scale", "10"], "--depth-scale must be given with --depth FILE.png"),
         (["--depth", "{folder}/x.png", "--depth-scale", "0"], "--depth-scale must be positive"),
         (["--tight", "--distance", "2"], "--distance must not be given with --tight"),
+        (["--orthographic", "--fov", "20"], "--fov must not be given with --orthographic"),
         (["--camera", "0"], "--camera must be one of the file's 0, from 0, got 0"),
     ],
 )
@@ -239,3 +248,62 @@ def test_options_that_do_not_go_together(model, tmp_path, capsys, arguments, tex
     assert cli.main(["render", str(model), "-o", str(tmp_path / "b.png"), *given]) == 2
     assert text in capsys.readouterr().err
     assert not (tmp_path / "b.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ([], {}),
+        (["--background", "white"], {"background": ((1.0, 1.0, 1.0), (1.0, 1.0, 1.0))}),
+        (["--background", "0,0,0", "#fff"], {"background": ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))}),
+        (["--background", "#00ff80"], {"background": ((0.0, 1.0, decode(128)), (0.0, 1.0, decode(128)))}),
+        (["--transparent"], {"transparent": True}),
+    ],
+)
+def test_what_is_behind_the_model(model, tmp_path, capsys, monkeypatch, arguments, expected):
+    asked = []
+
+    def draw(scene, camera, resolution, *, backend, supersample, **behind):
+        asked.append(behind)
+        return np.zeros((*resolution, 4 if behind.get("transparent") else 3), np.uint8)
+
+    monkeypatch.setattr(views, "render", draw)
+    (file,), _ = run(capsys, model, "-o", tmp_path / "b.png", *arguments)
+    assert asked == [expected]
+    assert read(file).shape == (32, 48, 4 if "transparent" in expected else 3)
+    if "transparent" in expected:
+        for kind in ("gif", "webp", "apng"):
+            (file,), _ = run(capsys, model, "-o", tmp_path / f"b.{kind}", *arguments, "--turntable", 2)
+            with PIL.Image.open(file) as animation:
+                assert np.asarray(animation.convert("RGBA"))[..., 3].max() == 0
+
+
+@pytest.mark.skipif("transparent" not in signature(render).parameters, reason="render does not take it yet")
+def test_what_is_behind_the_model_is_drawn(model, tmp_path, capsys):
+    (file,), _ = run(capsys, model, "-o", tmp_path / "b.png", "--transparent")
+    assert read(file)[0, 0, 3] == 0 and read(file)[16, 24, 3] == 255
+    (file,), _ = run(capsys, model, "-o", tmp_path / "b.png", "--background", "#0080ff")
+    assert read(file)[[0, -1], 0].tolist() == [[0, 128, 255]] * 2
+
+
+@pytest.mark.parametrize(
+    ("out", "arguments", "text"),
+    [
+        ("b.jpg", ["--transparent"], "--out must not end in .jpg, .jpeg, .bmp with --transparent, got 'b.jpg'"),
+        ("b.png", ["--transparent", "--background", "white"], "--background must not be given with --transparent"),
+        ("b.png", ["--background", "white", "red", "blue"], "--background must be one colour, or two, got 3"),
+        ("b.png", ["--background", "white", "--view", "ids"], "--background must be given with --view shaded, got --view ids"),
+        ("b.png", ["--transparent", "--view", "depth"], "--transparent must be given with --view shaded"),
+    ],
+)
+def test_backgrounds_that_do_not_go_together(model, tmp_path, capsys, out, arguments, text):
+    assert cli.main(["render", str(model), "-o", str(tmp_path / out), *arguments]) == 2
+    assert text in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("color", ["nocolour", "1,2", "256,0,0", "1,2,x", "#12", "#11223344"])
+def test_what_is_no_colour(model, tmp_path, capsys, color):
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(["render", str(model), "-o", str(tmp_path / "b.png"), "--background", color])
+    assert stopped.value.code == 2
+    assert "argument --background: must be" in capsys.readouterr().err

@@ -97,7 +97,7 @@ def test_where_the_corners_are(load, make, bounds):
 
 
 def test_below_a_camera(load):
-    scene = load(gltf_files.below_a_camera(), said=["a camera is in Scene.cameras, but not what the picture is seen from"])
+    scene = load(gltf_files.below_a_camera(), said=["a camera is in Scene.cameras: a picture is seen from it only if"])
     assert scene.bounds.tolist() == [[0, -2, 2], [4, 2, 2]]
     assert scene.cameras == (Camera((2, 0, 0), (2, 0, -1), (0, 2, 0), 45, 0.5, 9),)
 
@@ -105,7 +105,7 @@ def test_below_a_camera(load):
 def test_orthographic_cameras(load):
     file = gltf_files.below_a_camera()
     file.json["cameras"][0] = {"type": "orthographic", "orthographic": {"xmag": 3, "ymag": 1.5, "znear": 0, "zfar": 2}}
-    scene = load(file, said=["a camera is in Scene.cameras, but not what the picture is seen from"])
+    scene = load(file, said=["a camera is in Scene.cameras: a picture is seen from it only if"])
     assert scene.cameras == (Camera.orthographic((2, 0, 0), (2, 0, -1), (0, 2, 0), 3, 0, 2),)
     file.json["cameras"][0]["orthographic"]["ymag"] = "1"
     with pytest.raises(ValueError, match="cameras\\[0\\].orthographic.ymag must be a finite number"):

@@ -37,7 +37,7 @@ def add_camera(document: Document, node: JsonObject, matrix: NDArray[np.float64]
     except ValueError as error:
         found("cameras that see nothing", f"{camera.place} is left out: {error}")
         return
-    found("cameras", "a camera is in Scene.cameras, but not what the picture is seen from")
+    found("cameras", "a camera is in Scene.cameras: a picture is seen from it only if that is asked for")
 
 
 def _of_kind(camera: JsonObject, pose: tuple[Vector, Vector, Vector]) -> Camera:
