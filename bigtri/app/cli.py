@@ -92,6 +92,11 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help=about, description=about)
     info.add_argument("model", type=Path, nargs="?", help="a GLB, glTF, OBJ, PLY, STL or OFF file")
     info.set_defaults(run=_info)
+    about = "which effects a model calls for, why, and what each of them costs"
+    explain = commands.add_parser("explain", help=about, description=about)
+    explain.add_argument("model", type=Path, help="a GLB, glTF, OBJ, PLY, STL or OFF file")
+    explain.add_argument("--size", type=arguments.size, default=(1280, 720), metavar="WxH", help="pixels (default: 1280x720)")
+    explain.set_defaults(run=_explain)
     commands.add_parser("bench", help="measure how fast rasterize is on this machine; see bigtri bench --help")
     about = "what each rung of accuracy gets wrong, and its time, on this machine; see bigtri accuracy --help"
     commands.add_parser("accuracy", help=about)
@@ -134,6 +139,17 @@ def _info(options: argparse.Namespace) -> int:
         from . import info
 
         print(info.describe())
+    return 0
+
+
+def _explain(options: argparse.Namespace) -> int:
+    from ..scene import load_scene
+    from ..scene.camera import Camera
+
+    _say(f"reading {options.model}")
+    scene = load_scene(options.model)
+    width, height = options.size
+    print(scene.plan(Camera.framing(scene.bounds, aspect=width / height), (height, width)))
     return 0
 
 

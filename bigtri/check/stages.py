@@ -177,8 +177,8 @@ def _arithmetic(op: str, precision: str | Precision, backend: str) -> Arithmetic
         arguments.check_compiled(op, arithmetic, "cpu")
         if not arithmetic.has_stages:
             raise ValueError(
-                f"bigtri.{op}: backend must be 'reference' with precision {arithmetic.name!r}, whose records or spans are more than "
-                f"the extension's stages hand on, got {backend!r}"
+                f"bigtri.{op}: backend must be 'reference' with precision {arithmetic.name!r}, whose records or spans are more "
+                f"than the extension's stages hand on, got {backend!r}"
             )
     return arithmetic
 

@@ -106,9 +106,15 @@ def draw(
         )
         return dropped
     drawn = rasterize(
-        *(positions, triangles, (height, width)),
-        **{"backend": backend, "precision": arithmetic.precision, "cull": cull},
-        **{"depth": depth is not None, "out": packed, "depth_out": depth},
+        positions,
+        triangles,
+        (height, width),
+        backend=backend,
+        precision=arithmetic.precision,
+        cull=cull,
+        depth=depth is not None,
+        out=packed,
+        depth_out=depth,
     )
     shade(_tensor(drawn.packed), positions, triangles, surface, image, made, arithmetic, backend)
     return _tensor(drawn.dropped)

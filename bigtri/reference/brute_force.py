@@ -501,7 +501,8 @@ def weights(
 ) -> Vector:
     """The float32 weights of the record's slots that docs/numerics.md sections 9 and 17 give pixel (px, py).
 
-    Where vertices are not snapped, those of the parent's ``corners`` [3] of (x, y, z, w), in an image of ``shape`` (height, width).
+    Where vertices are not snapped, those of the parent's ``corners`` [3] of (x, y, z, w), in an image of ``shape``
+    (height, width).
     """
     rule = arithmetic.precision.attributes
     if rule == "unsnapped":

@@ -6,10 +6,11 @@ import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, overload
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ..ops import arguments, memory
 from ..ops.arguments import Array
@@ -26,7 +27,7 @@ from ..scene.tensors import SceneTensors
 from ..scene.vectors import Vector
 
 # A model by its path, or a mesh or scene of trimesh's.
-Drawable: TypeAlias = "Scene | SceneTensors | str | os.PathLike[str] | Any"
+Drawable: TypeAlias = "SceneTensors | _Loaded | Any"
 
 DEFAULT_RESOLUTION = (720, 1280)  # height, width
 
@@ -37,18 +38,74 @@ class Buffers(NamedTuple):
     NumPy; tensors on the scene's device where ``render`` was given ``SceneTensors``.
     """
 
-    positions: Array  # float32 [B, V, 4], clip space
+    positions: Any  # float32 [B, V, 4], clip space
     visibility: Visibility  # [B, H, W]
-    albedo: Array  # float32 [B, H, W, 3], linear, 0 on the background
-    normals: Array | None  # float32 [B, H, W, 3], as they were lit, of any length, 0 on the background; None without lights
-    linear: Array  # float32 [B, H, W, 3], lit, with the background
+    albedo: Any  # float32 [B, H, W, 3], linear, 0 on the background
+    normals: Any  # float32 [B, H, W, 3], as they were lit, of any length, 0 on the background; None without lights
+    linear: Any  # float32 [B, H, W, 3], lit, with the background
     seconds: dict[str, float]  # wall clock of each step; on CUDA, until its work was handed over
 
 
+if TYPE_CHECKING:
+    from typing_extensions import TypedDict, Unpack
+
+    class _Options(TypedDict, total=False):
+        """What has no say in the type of the result."""
+
+        backend: str
+        plan: RenderPlan | Plan | None
+        supersample: int
+        precision: str | Precision
+        transparent: bool
+        background: Vector | Sequence[Vector] | None
+
+
+_Loaded: TypeAlias = "Scene | str | os.PathLike[str]"  # and trimesh's, which type checkers know nothing of
+_Cameras: TypeAlias = "Camera | Sequence[Camera] | None"
+_Size: TypeAlias = "tuple[int, int] | None"
+_Pixels: TypeAlias = "NDArray[np.uint8]"
+
+
+@overload
+def render(
+    scene: SceneTensors,
+    camera: _Cameras = ...,
+    resolution: _Size = ...,
+    *,
+    return_buffers: Literal[False] = ...,
+    **options: Unpack[_Options],
+) -> torch.Tensor: ...
+@overload
+def render(
+    scene: SceneTensors,
+    camera: _Cameras = ...,
+    resolution: _Size = ...,
+    *,
+    return_buffers: Literal[True],
+    **options: Unpack[_Options],
+) -> tuple[torch.Tensor, Buffers]: ...
+@overload
+def render(
+    scene: _Loaded,
+    camera: _Cameras = ...,
+    resolution: _Size = ...,
+    *,
+    return_buffers: Literal[False] = ...,
+    **options: Unpack[_Options],
+) -> _Pixels: ...
+@overload
+def render(
+    scene: _Loaded,
+    camera: _Cameras = ...,
+    resolution: _Size = ...,
+    *,
+    return_buffers: Literal[True],
+    **options: Unpack[_Options],
+) -> tuple[_Pixels, Buffers]: ...
 def render(
     scene: Drawable,
-    camera: Camera | Sequence[Camera] | None = None,
-    resolution: tuple[int, int] | None = None,
+    camera: _Cameras = None,
+    resolution: _Size = None,
     *,
     backend: str = "auto",
     plan: RenderPlan | Plan | None = None,
@@ -152,7 +209,7 @@ def _draw(
     backend: str,
     return_buffers: bool,
 ) -> tuple[torch.Tensor, tuple[torch.Tensor, _Seen, Made, dict[str, float]] | None]:
-    """The picture uint8 [B, rows, columns, channels]; and where they are wanted, positions, what is seen, the rest and the times."""
+    """The picture uint8 [B, rows, columns, channels]; where wanted, positions, what is seen, the rest and the times."""
     seconds: dict[str, float] = {}
     with _timed(seconds, "transform"):
         matrices = np.stack([c.matrix(picture.columns / picture.rows, tensors.scene.origin) for c in cameras])

@@ -5,8 +5,6 @@ Each is computed from the buffers or from the stages themselves, so that a pictu
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,10 +65,15 @@ def picture(
     if view not in VIEWS:
         raise ValueError(f"bigtri.views: view must be one of {', '.join(map(repr, VIEWS))}, got {view!r}")
     if view == "shaded":
-        # The one place where what is behind the scene is passed on.
-        asked_for = {"transparent": transparent or None, "background": background}
-        behind: dict[str, Any] = {name: value for name, value in asked_for.items() if value is not None}
-        return render(scene, camera, resolution, backend=backend, supersample=supersample, **behind)
+        return render(
+            scene,
+            camera,
+            resolution,
+            backend=backend,
+            supersample=supersample,
+            transparent=transparent,
+            background=background,
+        )
     image, buffers = render(scene, camera, resolution, backend=backend, return_buffers=True)
     if view == "normals":
         lit = buffers.normals if buffers.normals is not None else np.zeros_like(buffers.linear)
@@ -81,8 +84,16 @@ def picture(
         return triangle_ids(buffers.visibility)
     if view == "overdraw":
         return overdraw(buffers.positions, scene.triangles, resolution, cull=scene.cull, backend=backend)
-    drawn = (buffers.positions, scene.triangles, resolution)
-    return bins(*drawn, triangle=triangle, threshold=threshold, backdrop=image, cull=scene.cull, backend=backend)
+    return bins(
+        buffers.positions,
+        scene.triangles,
+        resolution,
+        triangle=triangle,
+        threshold=threshold,
+        backdrop=image,
+        cull=scene.cull,
+        backend=backend,
+    )
 
 
 def normals(normals: NDArray[np.float32], visibility: Visibility) -> NDArray[np.uint8]:

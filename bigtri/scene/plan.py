@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..reference.clip import clip_planes
 from .camera import Camera
@@ -196,8 +197,10 @@ def _of_triangles(scene: Scene, camera: Camera, height: int, width: int) -> list
     corners = scene.triangles
     w = clip[:, 3][corners]
     tilted = int((w != w[:, :1]).any(axis=1).sum())
-    inside = np.stack([plane.distance(clip.astype(np.float64)) >= 0 for plane in clip_planes(height, width)], axis=-1)[corners]
-    cut = int((inside.any(axis=1).all(axis=1) & ~inside.all(axis=(1, 2))).sum())
+    planes = [plane.distance(clip.astype(np.float64)) >= 0 for plane in clip_planes(height, width)]
+    inside: NDArray[np.bool_] = np.stack(planes, axis=-1)[corners]  # [T, 3, 6]
+    some, whole = np.all(np.any(inside, axis=1), axis=1), np.all(inside, axis=(1, 2))
+    cut = int((some & ~whole).sum())
     count = len(corners)
     return [
         Effect(
