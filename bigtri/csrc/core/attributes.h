@@ -22,6 +22,7 @@ template <class D>
 BIGTRI_HD const D& divisor_like(const D& v, double) {
   return v;
 }
+BIGTRI_HD Divisor divisor_like(double v, const Divisor&) { return divisor(v); }
 
 // Barycentrics b of a record that is not clipped, from the edge values e, not yet rounded to float32. They are the
 // weights of its vertices. D is double or a vector of doubles; By, a double or what `quotient` divides D by alike.
