@@ -189,6 +189,24 @@ def test_a_row_for_each_rung_the_control_and_the_samples() -> None:
     assert by_name["samples2"].psnr < by_name["samples4"].psnr and by_name[accuracy.CONTROL].wrong_ppm is None
 
 
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+def test_times_alone() -> None:
+    setting = accuracy.Setting(variant="auto")
+    exact, again, other, *_ = accuracy.study(accuracy.HARD["floor"](), ["subpixel4"], setting, EFFORT, with_errors=False)
+    assert [exact.precision, again.precision, other.precision] == ["exact", accuracy.CONTROL, "subpixel4"]
+    assert other.ratio > 0 and (other.wrong_ppm, other.depth_px, other.psnr) == (None, None, None)
+
+
+def test_all_rungs_take_one_way_through_a_variant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On CUDA ``exact`` draws small triangles by rows, rungs of the ladder do not: it is compared with them as they are drawn."""
+    rows = native.Parameter("rows", "", "", 1, 0, 1, ())
+    rung = {"bin_owned": native.Variant("", "", {}), "two_stage": native.Variant("", "", {"rows": rows})}
+    monkeypatch.setitem(native.REGISTRY, "cuda", {"exact": rung})
+    assert accuracy.parameters_of("cuda", "exact", "two_stage") == {"rows": 0}
+    assert accuracy.parameters_of("cuda", "exact", "bin_owned") is accuracy.parameters_of("cuda", "exact", "auto") is None
+    assert accuracy.parameters_of("cpu", "exact", "two_stage") is None
+
+
 def test_axes_of_rungs() -> None:
     assert accuracy.axis_of("exact") == "none" and accuracy.axis_of("depth_reversed") == "depth"
     assert accuracy.timed_of("clip_none") == "rasterize" and accuracy.timed_of("balanced") == "barycentrics"

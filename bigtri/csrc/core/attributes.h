@@ -17,14 +17,33 @@ constexpr bool kUnsnappedWeights = kAttributeRule == AttributeRule::kUnsnapped;
 constexpr bool kFloatWeights =
     kAttributeRule == AttributeRule::kFloat32 || kAttributeRule == AttributeRule::kReciprocal;
 
+// The divisor v of several quotients, of the kind of `like`.
+template <class D>
+BIGTRI_HD const D& divisor_like(const D& v, double) {
+  return v;
+}
+BIGTRI_HD Divisor divisor_like(double v, const Divisor&) { return divisor(v); }
+
+// Barycentrics b of a record that is not clipped, from the edge values e, not yet rounded to float32. They are the
+// weights of its vertices. D is double or a vector of doubles; By, a double or what `quotient` divides D by alike.
+template <class D, class By>
+BIGTRI_HD void whole_barycentrics(const By& area, const By w[3], bool affine, const D e[3], D b[3]) {
+  for (int k = 0; k < 3; ++k) b[k] = quotient(e[k], area);
+  if (affine || kAttributeRule == AttributeRule::kAffine) return;
+  for (int k = 0; k < 3; ++k) b[k] = quotient(b[k], w[k]);
+  const D total = (b[0] + b[1]) + b[2];
+  const auto& sum = divisor_like(total, area);
+  for (int k = 0; k < 3; ++k) b[k] = quotient(b[k], sum);
+}
+
 // Barycentrics b from the edge values e, not yet rounded to float32. They are the weights of the record's vertices if
 // the parent is not clipped, else of the slots, in that order. D is double or a vector of doubles.
 template <int kRecords, class D>
 BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const D e[3], D b[3]) {
   const double area = (double)parent.primitive[record].area;
+  if (!parent.clipped) return whole_barycentrics(area, parent.w[record], parent.affine, e, b);
   for (int k = 0; k < 3; ++k) b[k] = e[k] / area;
   if constexpr (kAttributeRule == AttributeRule::kAffine) {
-    if (!parent.clipped) return;
     double t[3][3];  // of the record's vertices, over the slots
     for (int k = 0; k < 3; ++k) {
       const double* of = parent.weights[record][k];
@@ -34,13 +53,10 @@ BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const 
     for (int m = 0; m < 3; ++m) b[m] = (l0 * t[0][m] + l1 * t[1][m]) + l2 * t[2][m];
     return;
   }
-  if (parent.affine) return;
   for (int k = 0; k < 3; ++k) b[k] = b[k] / parent.w[record][k];
-  if (parent.clipped) {
-    const double (*t)[3] = parent.weights[record];
-    const D u0 = b[0], u1 = b[1], u2 = b[2];
-    for (int m = 0; m < 3; ++m) b[m] = (u0 * t[0][m] + u1 * t[1][m]) + u2 * t[2][m];
-  }
+  const double (*t)[3] = parent.weights[record];
+  const D u0 = b[0], u1 = b[1], u2 = b[2];
+  for (int m = 0; m < 3; ++m) b[m] = (u0 * t[0][m] + u1 * t[1][m]) + u2 * t[2][m];
   const D sum = (b[0] + b[1]) + b[2];
   for (int m = 0; m < 3; ++m) b[m] = b[m] / sum;
 }

@@ -39,7 +39,8 @@ BIGTRI_HD float weighted_in_float(const Record& r, const int64_t g[3]) {
   return (((float)g[0] * r.z[0] + (float)g[1] * r.z[1]) + (float)g[2] * r.z[2]) / (float)r.area.value;
 }
 
-BIGTRI_HD DepthInCell depth_in_cell(const Record& r, int cell_x, int cell_y) {
+// A GPU has it of thin records too, so as not to branch; nobody reads their plane.
+BIGTRI_HD DepthInCell plane_in_cell(const Record& r, int cell_x, int cell_y) {
   DepthInCell d = {&r, cell_x * kBin, cell_y * kBin, 0, 0, 0};
   if constexpr (kDepthRule == DepthRule::kFloat32Vertex) {
     const float x1 = (float)(r.x[1] - r.x[0]), y1 = (float)(r.y[1] - r.y[0]), z1 = r.z[1] - r.z[0];
@@ -47,13 +48,17 @@ BIGTRI_HD DepthInCell depth_in_cell(const Record& r, int cell_x, int cell_y) {
     d.dzdx = (z1 * y2 - z2 * y1) / (float)r.area.value;
     d.dzdy = (z2 * x1 - z1 * x2) / (float)r.area.value;
   } else if constexpr (kDepthRule != DepthRule::kFloat32Barycentric) {
-    if (is_thin(r)) return d;
     const DepthNumber unit = kDepthRule == DepthRule::kFixedCell ? (DepthNumber)kFixedOne : (DepthNumber)1;
     d.z = (PlaneNumber)(depth_at(r.x, r.y, r.z, r.area, d.left, d.top) * unit);
     d.dzdx = (PlaneNumber)(r.dzdx * unit);
     d.dzdy = (PlaneNumber)(r.dzdy * unit);
   }
   return d;
+}
+
+BIGTRI_HD DepthInCell depth_in_cell(const Record& r, int cell_x, int cell_y) {
+  if (is_thin(r)) return {&r, cell_x * kBin, cell_y * kBin, 0, 0, 0};
+  return plane_in_cell(r, cell_x, cell_y);
 }
 
 // Depth of pixel (i, j) of the cell, rounded to float32, but not clamped. kThin: is_thin(record).

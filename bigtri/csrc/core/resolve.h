@@ -74,13 +74,13 @@ BIGTRI_HD void set_places(const float v[3][4], const Viewport& view, const int32
     out->py[k] = place_y(v[order[k]], view.height);
   }
 }
-BIGTRI_HD void set_fan_places(const Fan&, int, const Viewport&, const int32_t[3], PlacesOf<false>*) {}
-BIGTRI_HD void set_fan_places(const Fan& fan, int s, const Viewport& view, const int32_t order[3],
-                              PlacesOf<true>* out) {
+BIGTRI_HD void set_fan_places(const ClipVertex*, int, int, int, const Viewport&, const int32_t[3], PlacesOf<false>*) {}
+BIGTRI_HD void set_fan_places(const ClipVertex* polygon, int apex, int count, int s, const Viewport& view,
+                              const int32_t order[3], PlacesOf<true>* out) {
   int index[3];
-  fan_vertices(fan.apex, fan.count, s, index);
+  fan_vertices(apex, count, s, index);
   for (int k = 0; k < 3; ++k) {
-    const ClipVertex& source = fan.polygon[pick(index, order[k])];
+    const ClipVertex& source = polygon[pick(index, order[k])];
     float v[4];
     for (int i = 0; i < 4; ++i) v[i] = (float)source.position[i];
     out->px[k] = source.made ? (float)place_x(source.position, view.width) : place_x(v, view.width);
@@ -88,41 +88,51 @@ BIGTRI_HD void set_fan_places(const Fan& fan, int s, const Viewport& view, const
   }
 }
 
+// Sets up a parent triangle that is not clipped (Fate::kWhole) from its clip-space vertices v and their projections.
+// False if it has no record.
+template <int kRecords>
+BIGTRI_HD bool expand_whole(const float v[3][4], const Vertex projected[3], const Viewport& view,
+                            ParentOf<kRecords>* out) {
+  int32_t x[3], y[3];
+  float z[3];
+  for (int k = 0; k < 3; ++k) {
+    x[k] = projected[k].x;
+    y[k] = projected[k].y;
+    z[k] = projected[k].z;
+  }
+  set_corners(v, out);
+  out->clipped = false;
+  out->affine = v[0][3] == v[1][3] && v[1][3] == v[2][3];
+  out->count = make_primitive(x, y, z, view, &out->primitive[0]) ? 1 : 0;
+  if (out->count == 0) return false;
+  set_places(v, view, out->primitive[0].order, &out->primitive[0]);
+  for (int k = 0; k < 3; ++k) {
+    out->w[0][k] = v[out->primitive[0].order[k]][3];
+    for (int m = 0; m < 3; ++m) out->weights[0][k][m] = k == m ? 1.0 : 0.0;
+  }
+  return true;
+}
+
 // Sets up a parent triangle from its clip-space vertices v and their projections. out has no record unless the result
 // is kWhole or kClip.
 BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], const Viewport& view, Parent* out) {
   out->count = 0;
   out->clipped = false;
-  out->affine = v[0][3] == v[1][3] && v[1][3] == v[2][3];
-  set_corners(v, out);
   const uint32_t f0 = projected[0].flags, f1 = projected[1].flags, f2 = projected[2].flags;
   const Fate fate = fate_of(f0, f1, f2);
   if (fate == Fate::kWhole) {
-    int32_t x[3], y[3];
-    float z[3];
-    for (int k = 0; k < 3; ++k) {
-      x[k] = projected[k].x;
-      y[k] = projected[k].y;
-      z[k] = projected[k].z;
-    }
-    if (make_primitive(x, y, z, view, &out->primitive[0])) {
-      set_places(v, view, out->primitive[0].order, &out->primitive[0]);
-      for (int k = 0; k < 3; ++k) {
-        out->w[0][k] = v[out->primitive[0].order[k]][3];
-        for (int m = 0; m < 3; ++m) out->weights[0][k][m] = k == m ? 1.0 : 0.0;
-      }
-      out->count = 1;
-    }
+    expand_whole(v, projected, view, out);
   } else if (fate == Fate::kClip) {
     Fan fan;
     make_fan(v, (f0 | f1 | f2) & kOutsideMask, view.width, view.height, &fan);
+    set_corners(v, out);
     out->clipped = true;
     out->affine = false;
     out->first = fan.first;
     for (int s = 0; s + 2 < fan.count; ++s) {
       if (!fan_primitive(fan.projected, fan.apex, fan.count, s, view, &out->primitive[out->count])) continue;
       Primitive& made = out->primitive[out->count];
-      set_fan_places(fan, s, view, made.order, &made);
+      set_fan_places(fan.polygon, fan.apex, fan.count, s, view, made.order, &made);
       set_fan_weights(fan.polygon, fan.apex, fan.count, s, out->count, out);
       ++out->count;
     }

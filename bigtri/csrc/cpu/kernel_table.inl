@@ -6,6 +6,7 @@
 #include "bin_owned.inl"
 #include "binning.inl"
 #include "setup.inl"
+#include "shade.inl"
 #include "stages.inl"
 #include "two_stage.inl"
 
@@ -39,18 +40,19 @@ constexpr StageKernels stage_kernels() {
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE
 
-#define BIGTRI_KERNEL_TABLE(NAME)                                                         \
-  inline namespace BIGTRI_NAMESPACE {                                                     \
-  extern const Kernels kernels_##NAME;                                                    \
-  const Kernels kernels_##NAME = {bin_owned_kernels(),                                    \
-                                  stage_kernels(),                                        \
-                                  {.interpolate_row = stage_interpolate_row,              \
-                                   .sample = stage_sample<const float*>,                  \
-                                   .sample_codes8 = stage_sample<CodedTexels<uint8_t>>,   \
-                                   .sample_codes16 = stage_sample<CodedTexels<uint16_t>>, \
-                                   .lambert = stage_lambert,                              \
-                                   .encode_srgb = stage_encode_srgb},                     \
-                                  two_stage_kernels()};                                   \
+#define BIGTRI_KERNEL_TABLE(NAME)                                                                                \
+  inline namespace BIGTRI_NAMESPACE {                                                                            \
+  extern const Kernels kernels_##NAME;                                                                           \
+  const Kernels kernels_##NAME = {bin_owned_kernels(),                                                           \
+                                  stage_kernels(),                                                               \
+                                  {.interpolate_row = stage_interpolate_row,                                     \
+                                   .sample = stage_sample<const float*>,                                         \
+                                   .sample_codes8 = stage_sample<CodedTexels<uint8_t>>,                          \
+                                   .sample_codes16 = stage_sample<CodedTexels<uint16_t>>,                        \
+                                   .lambert = stage_lambert,                                                     \
+                                   .encode_srgb = stage_encode_srgb},                                            \
+                                  two_stage_kernels(),                                                           \
+                                  {.begin = shade_begin, .block = shade_block, .background = shade_background}}; \
   }
 
 }  // namespace bigtri

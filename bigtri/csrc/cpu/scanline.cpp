@@ -84,7 +84,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 
 extern const Variant scanline_variant;
 const Variant scanline_variant = {"scanline", "a triangle at a time, row by row, with atomics: Sui's first pipeline",
-                                  kParameters, draw};
+                                  kParameters, draw, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri
