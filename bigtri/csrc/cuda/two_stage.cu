@@ -22,8 +22,8 @@ namespace {
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 // Rows rest on what bin_owned rests on: edges in int32 over a bounding box, and planes in float64.
-constexpr bool kHasRows = Rung::kBinOwned;
-static_assert(!kHasRows || (!kFloatCoverage && !Rung::kWideEdges && kDepthRule == DepthRule::kFloat64Cell),
+constexpr bool kHasRows = Rung::kBinOwned && kDepthRule == DepthRule::kFloat64Cell;
+static_assert(!kHasRows || (!kFloatCoverage && !Rung::kWideEdges && !Rung::kWraps),
               "what is drawn by rows has the rung's bits");
 
 enum Counter { kRecordCount, kPairCount, kNextPair, kCounters };
