@@ -9,6 +9,9 @@
 namespace bigtri {
 namespace {
 
+// Bytes of pictures that stay in a last-level cache from one call to the next.
+constexpr int64_t kPicturesInCache = 1 << 24;
+
 // A job and what it points to.
 struct CheckedShading {
   std::vector<Texture> textures;
@@ -42,6 +45,7 @@ void check_shading(const char* op, const CpuRung& rung, const Tensor& positions,
   job.decoded16 = decoded<uint16_t>();
   job.image = data<uint8_t>(picture.image);
   job.channels = (int)picture.image.size(3);
+  job.streams = picture.image.numel() > kPicturesInCache;
   job.albedo = picture.albedo ? data<float>(*picture.albedo) : nullptr;
   job.normals = picture.normals ? data<float>(*picture.normals) : nullptr;
   job.linear = picture.linear ? data<float>(*picture.linear) : nullptr;
