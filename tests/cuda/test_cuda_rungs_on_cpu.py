@@ -70,10 +70,6 @@ def picture(name: str, rung: str) -> Picture:
     return Picture(case, packed, depth, dropped)
 
 
-def test_every_rung_has_kernels() -> None:
-    assert VARIANTS_OF.keys() == RUNGS.keys()
-
-
 @pytest.mark.parametrize("rung", OTHERS)
 def test_drawing(rung: str) -> None:
     """With room for all that waits and for hardly anything, by few warps and by many; each way with several pictures."""
