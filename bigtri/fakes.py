@@ -46,6 +46,12 @@ def _masks(a: dict[str, Any]) -> tuple[torch.Tensor, ...]:
 
 
 _READ: dict[str, int | tuple[int, ...] | str | None] = {"packed": (2, 3), "positions": "packed", "triangles": 2}
+# What a picture is made of, and it.
+_PICTURE: dict[str, int | tuple[int, ...] | str | None] = {
+    **{"positions": 3, "triangles": 2, "uvs": 2, "colors": 2, "normals": 2, "face_normals": 2, "material": 1, "looks": 2},
+    **{"base_colors": 2, "light_directions": 2, "light_colors": 2, "constants": 2, "thresholds": 1},
+    **{"image": 4, "albedo": 4, "normal_image": 4, "linear": 4},
+}
 OPERATORS: dict[str, _Operator] = {
     "rasterize": _Operator(
         {
@@ -78,6 +84,9 @@ OPERATORS: dict[str, _Operator] = {
         }
     ),
     "encode_srgb": _Operator({"linear": None, "thresholds": 1, "out": "linear"}, anywhere=("thresholds",)),
+    "transform": _Operator({"points": 2, "matrices": 3, "out": 3}),
+    "shade": _Operator({"packed": 3, **_PICTURE}, anywhere=("constants", "thresholds")),
+    "draw": _Operator({**_PICTURE, "packed": 3, "depth": 3, "dropped": 1}, anywhere=("constants", "thresholds")),
 }
 
 

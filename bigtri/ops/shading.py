@@ -12,7 +12,7 @@ from .arguments import Array, ArrayT
 
 # Made here and not on demand, because torch.compile would trace through what makes them. Not by torch.tensor, which would put
 # them on the default device.
-_THRESHOLDS = torch.from_numpy(np.array(reference.encode_thresholds()))  # float32 [255]
+THRESHOLDS = torch.from_numpy(np.array(reference.encode_thresholds()))  # float32 [255]
 _DECODED = torch.from_numpy(np.array(reference.decode_table()))  # float32 [256]
 _DECODED_16 = torch.from_numpy(np.array(reference.decode_table(16)))  # float32 [65536]
 
@@ -96,7 +96,7 @@ def encode_srgb(linear: ArrayT, *, backend: str = "auto", out: Array | None = No
         inputs: list[torch.Tensor] = arguments.all_as_is((linear, torch.float32))
         if inputs:
             operator, shape = torch.ops.bigtri.encode_srgb.default, inputs[0].shape
-            codes = arguments.run_as_is(operator, (*inputs, _THRESHOLDS), out, torch.uint8, shape)
+            codes = arguments.run_as_is(operator, (*inputs, THRESHOLDS), out, torch.uint8, shape)
             if codes is not None:
                 return arguments.like(codes, linear)
 
@@ -104,7 +104,7 @@ def encode_srgb(linear: ArrayT, *, backend: str = "auto", out: Array | None = No
     arguments.check_same_device(op, chosen, linear=values)
     result = arguments.check_output(op, out, torch.uint8, tuple(values.shape), values.device, {"linear": values})
     if chosen == "native":
-        thresholds = torch_private.beside(_THRESHOLDS, values)  # on the CPU for a GPU too
+        thresholds = torch_private.beside(THRESHOLDS, values)  # on the CPU for a GPU too
         torch.ops.bigtri.encode_srgb.default(values, thresholds, result)
     else:
         result.copy_(arguments.on_reference(reference.encode_srgb, values))

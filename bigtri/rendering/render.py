@@ -1,303 +1,258 @@
-"""From a scene and cameras to pictures: rasterize, interpolate, sample_texture, lambert and encode_srgb put together."""
+"""From a scene and cameras to pictures, in one pass: transform, draw, and each pixel finished where it is drawn."""
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Literal, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, overload
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..ops import arguments
+from ..ops import arguments, memory
 from ..ops.arguments import Array
-from ..ops.interpolate import interpolate
-from ..ops.rasterize import Visibility, rasterize
-from ..ops.shading import encode_srgb, lambert
-from ..ops.texture import sample_texture
-from ..precision import DEFAULT, Precision
+from ..ops.rasterize import Visibility
+from ..ops.shade import Made, draw, new_made
+from ..ops.transform import transform
+from ..precision import DEFAULT, Arithmetic, Precision
 from ..reference.numerics import MAX_SIZE
 from ..scene.camera import Camera
-from ..scene.normals import face_normals
-from ..scene.plan import RenderPlan, plan_for
-from ..scene.scene import Material, Scene
+from ..scene.load import from_trimesh, load_scene
+from ..scene.plan import Plan, RenderPlan, plan_for
+from ..scene.scene import Scene, background_of
+from ..scene.tensors import SceneTensors
+from ..scene.vectors import Vector
+
+# A model by its path, or a mesh or scene of trimesh's.
+Drawable: TypeAlias = "SceneTensors | _Loaded | Any"
+
+DEFAULT_RESOLUTION = (720, 1280)  # height, width
 
 
 class Buffers(NamedTuple):
-    """What a picture was made from, at the resolution times supersample. Without the [B] where one camera was given."""
+    """What a picture was made from, at the resolution times supersample. Without the [B] where one camera was given.
 
-    positions: NDArray[np.float32]  # [B, V, 4], clip space
-    visibility: Visibility  # NumPy arrays [B, H, W]
-    albedo: NDArray[np.float32]  # [B, H, W, 3], linear, 0 on the background
-    normals: NDArray[np.float32] | None  # [B, H, W, 3], as they were lit, of any length; None without lights
-    linear: NDArray[np.float32]  # [B, H, W, 3], lit, with the background
-    seconds: dict[str, float]  # wall clock of each step
+    NumPy; tensors on the scene's device where ``render`` was given ``SceneTensors``.
+    """
+
+    positions: Any  # float32 [B, V, 4], clip space
+    visibility: Visibility  # [B, H, W]
+    albedo: Any  # float32 [B, H, W, 3], linear, 0 on the background
+    normals: Any  # float32 [B, H, W, 3], as they were lit, of any length, 0 on the background; None without lights
+    linear: Any  # float32 [B, H, W, 3], lit, with the background
+    seconds: dict[str, float]  # wall clock of each step; on CUDA, until its work was handed over
+
+
+if TYPE_CHECKING:
+    from typing_extensions import TypedDict, Unpack
+
+    class _Options(TypedDict, total=False):
+        """What has no say in the type of the result."""
+
+        backend: str
+        plan: RenderPlan | Plan | None
+        supersample: int
+        precision: str | Precision
+        transparent: bool
+        background: Vector | Sequence[Vector] | None
+
+
+_Loaded: TypeAlias = "Scene | str | os.PathLike[str]"  # and trimesh's, which type checkers know nothing of
+_Cameras: TypeAlias = "Camera | Sequence[Camera] | None"
+_Size: TypeAlias = "tuple[int, int] | None"
+_Pixels: TypeAlias = "NDArray[np.uint8]"
 
 
 @overload
 def render(
-    scene: Scene,
-    camera: Camera | Sequence[Camera],
-    resolution: tuple[int, int],
+    scene: SceneTensors,
+    camera: _Cameras = ...,
+    resolution: _Size = ...,
     *,
-    backend: str = ...,
-    plan: RenderPlan | None = ...,
-    supersample: int = ...,
-    precision: str | Precision = ...,
     return_buffers: Literal[False] = ...,
-) -> NDArray[np.uint8]: ...
-
-
+    **options: Unpack[_Options],
+) -> torch.Tensor: ...
 @overload
 def render(
-    scene: Scene,
-    camera: Camera | Sequence[Camera],
-    resolution: tuple[int, int],
+    scene: SceneTensors,
+    camera: _Cameras = ...,
+    resolution: _Size = ...,
     *,
-    backend: str = ...,
-    plan: RenderPlan | None = ...,
-    supersample: int = ...,
-    precision: str | Precision = ...,
     return_buffers: Literal[True],
-) -> tuple[NDArray[np.uint8], Buffers]: ...
-
-
+    **options: Unpack[_Options],
+) -> tuple[torch.Tensor, Buffers]: ...
+@overload
 def render(
-    scene: Scene,
-    camera: Camera | Sequence[Camera],
-    resolution: tuple[int, int],
+    scene: _Loaded,
+    camera: _Cameras = ...,
+    resolution: _Size = ...,
+    *,
+    return_buffers: Literal[False] = ...,
+    **options: Unpack[_Options],
+) -> _Pixels: ...
+@overload
+def render(
+    scene: _Loaded,
+    camera: _Cameras = ...,
+    resolution: _Size = ...,
+    *,
+    return_buffers: Literal[True],
+    **options: Unpack[_Options],
+) -> tuple[_Pixels, Buffers]: ...
+def render(
+    scene: Drawable,
+    camera: _Cameras = None,
+    resolution: _Size = None,
     *,
     backend: str = "auto",
-    plan: RenderPlan | None = None,
+    plan: RenderPlan | Plan | None = None,
     supersample: int = 1,
     precision: str | Precision = DEFAULT,
+    transparent: bool = False,
+    background: Vector | Sequence[Vector] | None = None,
     return_buffers: bool = False,
-) -> NDArray[np.uint8] | tuple[NDArray[np.uint8], Buffers]:
-    """Draw ``scene`` as ``camera`` sees it, or as each of several cameras does, in one call.
+) -> Any:
+    """Draw a scene as ``camera`` sees it, or as each of several cameras does, in one call.
 
     Args:
-        scene: what is drawn.
-        camera: one, or a sequence of B cameras.
-        resolution: (height, width), px; times ``supersample`` 1 to 16384 each.
+        scene: a ``Scene``; the path of a model file, or a mesh or a scene of trimesh, which are made one as ``load_scene`` and
+            ``from_trimesh`` do; or ``Scene.on(device)``, whose pictures are tensors on that device.
+        camera: one, or a sequence of B cameras; None: one that has all of the scene in the picture (``Camera.framing``).
+        resolution: (height, width), px; times ``supersample`` 1 to 16384 each. 720 x 1280 where it is left out.
         backend: "auto", "reference" or "native"; the bits are the same.
-        plan: the effects to run; None: those that the scene calls for.
+        plan: the effects to run; None: those that the scene calls for. One that leaves out what the scene calls for warns.
         supersample: N: samples per pixel along each axis, averaged in linear light.
-        precision: what ``rasterize`` and ``interpolate`` draw with, but for depth that is reversed, which a camera's is not.
+        precision: what is drawn with, but for depth that is reversed, which a camera's is not.
+        transparent: whether the picture has alpha: 0 where nothing is seen, and of the samples that are covered the mean colour,
+            not multiplied by alpha.
+        background: a linear colour, or two, at the top and at the bottom of the picture; None: the scene's.
         return_buffers: also return what the picture was made from.
 
     Returns:
-        uint8 [H, W, 3], sRGB, row 0 on top; [B, H, W, 3] for a sequence of cameras. With ``return_buffers`` a pair of it and
-        ``Buffers``.
+        uint8 [H, W, 3], sRGB, row 0 on top, or [H, W, 4] with alpha; [B, ...] for a sequence of cameras. NumPy, but a tensor for
+        ``SceneTensors``. With ``return_buffers`` a pair of it and ``Buffers``.
 
     Raises:
         TypeError: an argument of another type; the text names it.
-        ValueError: no camera, a supersample below 1, or what ``rasterize`` does not take.
+        ValueError: no camera, a supersample below 1, a background beside ``transparent``, or what ``rasterize`` does not take.
     """
-    _check_type("scene", scene, Scene, "a Scene")
-    _check_type("camera", camera, (Camera, Sequence), "a Camera or a sequence of them")
+    op = "render"
+    if camera is not None:
+        _check_type("camera", camera, (Camera, Sequence), "a Camera or a sequence of them")
+    if not (isinstance(supersample, int) and supersample >= 1):
+        raise ValueError(f"bigtri.{op}: supersample must be a whole number of at least 1, got {supersample!r}")
+    _check_type("plan", plan, (RenderPlan, Plan, type(None)), "a RenderPlan, what Scene.plan returns, or None")
+    arithmetic = arguments.check_precision(op, precision)
+    if arithmetic.reversed:
+        raise ValueError(
+            f"bigtri.{op}: precision must be one that takes window depth, which is what a Camera makes, got {precision!r}"
+        )
+    chosen = arguments.choose_backend(op, backend)
+    arguments.check_flag(op, "return_buffers", return_buffers)
+    arguments.check_flag(op, "transparent", transparent)
+    if transparent and background is not None:
+        raise ValueError(f"bigtri.{op}: background must be None where transparent is True, got {background!r}")
+    size = DEFAULT_RESOLUTION if resolution is None else resolution
+    rows, columns = arguments.check_image_size(op, "resolution", size)
+    if max(rows, columns) * supersample > MAX_SIZE:
+        raise ValueError(
+            f"bigtri.{op}: supersample must be such that {(rows, columns)} times it is at most {MAX_SIZE}, got {supersample}"
+        )
+    tensors = _tensors_of(scene)
+    switches = _switches_of(plan, tensors.scene)
+    cameras = _cameras_of(camera, tensors.scene, columns / rows)
+    colors = tensors.scene.background if background is None else background_of(op, background)
+    picture = _Picture(rows, columns, supersample, 4 if transparent else 3)
+
+    image, buffers = _draw(tensors, cameras, picture, switches, colors, arithmetic, chosen, return_buffers)
+    view = 0 if isinstance(camera, Camera) or camera is None else slice(None)
+
+    def finished(value: torch.Tensor) -> Array:
+        return value[view] if isinstance(scene, SceneTensors) else value.numpy()[view]
+
+    if buffers is None:
+        return finished(image)
+    positions, seen, made, seconds = buffers
+    albedo, normals, linear = (None if one is None else finished(one) for one in made)
+    assert albedo is not None and linear is not None
+    visibility = Visibility(*map(finished, seen))
+    return finished(image), Buffers(
+        positions=finished(positions),
+        visibility=visibility,
+        albedo=albedo,
+        normals=normals if switches.lights else None,
+        linear=linear,
+        seconds=seconds,
+    )
+
+
+class _Picture(NamedTuple):
+    rows: int
+    columns: int
+    samples: int  # of a pixel along each axis
+    channels: int
+
+
+_Seen: TypeAlias = tuple[torch.Tensor, torch.Tensor, torch.Tensor]  # as Visibility
+
+
+def _draw(
+    tensors: SceneTensors,
+    cameras: Sequence[Camera],
+    picture: _Picture,
+    plan: RenderPlan,
+    background: Sequence[Vector],
+    arithmetic: Arithmetic,
+    backend: str,
+    return_buffers: bool,
+) -> tuple[torch.Tensor, tuple[torch.Tensor, _Seen, Made, dict[str, float]] | None]:
+    """The picture uint8 [B, rows, columns, channels]; where wanted, positions, what is seen, the rest and the times."""
+    seconds: dict[str, float] = {}
+    with _timed(seconds, "transform"):
+        matrices = np.stack([c.matrix(picture.columns / picture.rows, tensors.scene.origin) for c in cameras])
+        positions = transform(tensors.positions, torch.from_numpy(matrices).to(tensors.device), backend=backend)
+    with _timed(seconds, "draw"):
+        views, samples = len(cameras), picture.samples
+        image = memory.new(positions, (views, picture.rows, picture.columns, picture.channels), torch.uint8)
+        made, seen = Made(), None
+        if return_buffers:
+            shape = (views, picture.rows * samples, picture.columns * samples)
+            made = new_made(positions, shape)
+            seen = memory.new(positions, shape, torch.int64), memory.new(positions, shape, torch.float32)
+        surface, cull = tensors.surface(plan, background), tensors.scene.cull
+        dropped = draw(positions, tensors.triangles, cull, surface, image, samples, made, seen, arithmetic, backend)
+    return image, None if seen is None else (positions, (*seen, dropped), made, seconds)
+
+
+def _switches_of(plan: RenderPlan | Plan | None, scene: Scene) -> RenderPlan:
+    if plan is None:
+        return plan_for(scene)
+    return plan.switches if isinstance(plan, Plan) else plan.checked(scene)
+
+
+def _tensors_of(scene: Drawable) -> SceneTensors:
+    if isinstance(scene, SceneTensors):
+        return scene
+    if isinstance(scene, str | os.PathLike):
+        scene = load_scene(scene)
+    elif not isinstance(scene, Scene) and type(scene).__module__.partition(".")[0] == "trimesh":
+        scene = from_trimesh(scene)
+    _check_type("scene", scene, Scene, "a Scene, what Scene.on returns, a path, or a mesh or scene of trimesh")
+    return scene.on("cpu")
+
+
+def _cameras_of(camera: Camera | Sequence[Camera] | None, scene: Scene, aspect: float) -> list[Camera]:
+    if camera is None:
+        return [Camera.framing(scene.bounds, aspect=aspect)]
     cameras = [camera] if isinstance(camera, Camera) else list(camera)
     for one in cameras:
         _check_type("camera", one, Camera, "a Camera or a sequence of them")
     if not cameras:
         raise ValueError("bigtri.render: camera must be a Camera or a sequence of at least one, got none")
-    if not (isinstance(supersample, int) and supersample >= 1):
-        raise ValueError(f"bigtri.render: supersample must be a whole number of at least 1, got {supersample!r}")
-    _check_type("plan", plan, (RenderPlan, type(None)), "a RenderPlan or None")
-    if arguments.check_precision("render", precision).reversed:
-        raise ValueError(
-            f"bigtri.render: precision must be one that takes window depth, which is what a Camera makes, got {precision!r}"
-        )
-    arguments.check_flag("render", "return_buffers", return_buffers)
-    rows, columns = arguments.check_image_size("render", "resolution", resolution)
-    height, width = rows * supersample, columns * supersample
-    if max(height, width) > MAX_SIZE:
-        raise ValueError(
-            f"bigtri.render: supersample must be such that {(rows, columns)} times it is at most {MAX_SIZE}, got {supersample}"
-        )
-    plan = plan_for(scene) if plan is None else plan
-    seconds: dict[str, float] = {}
-
-    with _timed(seconds, "transform"):
-        clip = np.stack([c.transform(scene.positions, columns / rows, scene.origin) for c in cameras])
-    positions, triangles = torch.from_numpy(clip), torch.from_numpy(scene.triangles)
-    with _timed(seconds, "rasterize"):
-        seen = rasterize(
-            positions,
-            triangles,
-            (height, width),
-            backend=backend,
-            precision=precision,
-            cull=scene.cull,
-            depth=return_buffers,
-        )
-    with _timed(seconds, "attributes"):
-        attributes = _interpolated(scene, plan, seen, positions, triangles, backend, precision)
-    surface = _Surface(scene, seen)
-    with _timed(seconds, "texture"):
-        albedo = _albedo(scene, plan, surface, attributes, backend)
-    with _timed(seconds, "shading"):
-        normals = _normals(scene, plan, surface, attributes, clip) if plan.lights else None
-        linear = _lit(scene, plan, surface, albedo, normals, backend)
-        image = encode_srgb(_averaged(linear, supersample), backend=backend).numpy()
-
-    view = 0 if isinstance(camera, Camera) else slice(None)
-    if not return_buffers:
-        return image[view]
-    return image[view], Buffers(
-        positions=clip[view],
-        visibility=Visibility(*(_tensor(field).numpy()[view] for field in seen)),
-        albedo=albedo.numpy()[view],
-        normals=None if normals is None else normals.numpy()[view],
-        linear=linear.numpy()[view],
-        seconds=seconds,
-    )
-
-
-class _Surface:
-    """What is seen at every pixel: the triangle and the material, 0 on the background, and where that is."""
-
-    def __init__(self, scene: Scene, seen: Visibility) -> None:
-        triangle = _tensor(seen.triangle)
-        self.covered = triangle >= 0  # bool [B, H, W]
-        self.triangle = triangle.clamp(min=0).long()
-        self.material = self._per_triangle(torch.from_numpy(scene.material)).long()
-
-    def of_material(self, values: Sequence[Any], dtype: torch.dtype) -> torch.Tensor:
-        """``values``, one per material (a number or a triple), at every pixel: [B, H, W] or [B, H, W, 3]."""
-        return torch.tensor(values, dtype=dtype, device="cpu")[self.material]
-
-    def sorted_by_material(self, materials: list[int], count: int) -> tuple[torch.Tensor, list[int]]:
-        """The covered pixels of ``materials`` (of ``count``), one after the other: flat indices int64 [P]; how many each has."""
-        others = len(materials)
-        # The narrowest type: of 8 and 16 bits NumPy sorts by radix.
-        place = np.full(count, others, np.min_scalar_type(others))
-        place[materials] = np.arange(others)
-        key = np.where(self.covered.numpy(), place[self.material.numpy()], place.dtype.type(others)).reshape(-1)
-        counts = np.bincount(key, minlength=others + 1)[:others].tolist()
-        order = np.argsort(key, kind="stable")[: sum(counts)]
-        return torch.from_numpy(order), counts
-
-    def _per_triangle(self, values: torch.Tensor) -> torch.Tensor:
-        """``values`` [T, ...] at every pixel; the background reads triangle 0, and a scene without triangles zeros."""
-        if len(values) == 0:
-            return values.new_zeros(*self.triangle.shape, *values.shape[1:])
-        return values[self.triangle]
-
-    def of_triangle(self, values: NDArray[Any]) -> torch.Tensor:
-        """``values`` [T, ...] at every pixel: [B, H, W, ...]."""
-        return self._per_triangle(torch.from_numpy(values))
-
-    def of_triangle_in_view(self, values: NDArray[np.bool_]) -> torch.Tensor:
-        """``values`` [B, T], one row per view, at every pixel: [B, H, W]."""
-        views = torch.from_numpy(values)
-        if views.shape[1] == 0:
-            return torch.zeros_like(self.covered)
-        return views.gather(1, self.triangle.flatten(1)).reshape(self.triangle.shape)
-
-
-def _interpolated(
-    scene: Scene,
-    plan: RenderPlan,
-    seen: Visibility,
-    positions: torch.Tensor,
-    triangles: torch.Tensor,
-    backend: str,
-    precision: str | Precision,
-) -> dict[str, torch.Tensor]:
-    """The vertex attributes that the plan needs and the scene has, [B, H, W, C] each, in one pass over the buffer."""
-    wanted = {"uvs": plan.textures, "colors": plan.vertex_colors, "normals": plan.smooth_normals and plan.lights}
-    present = {name: getattr(scene, name) for name, on in wanted.items() if on and getattr(scene, name) is not None}
-    if not present:
-        return {}
-    together = torch.from_numpy(np.concatenate(list(present.values()), axis=1))
-    result = _tensor(interpolate(together, seen, positions, triangles, backend=backend, precision=precision))
-    return dict(zip(present, result.split([a.shape[1] for a in present.values()], dim=-1), strict=True))
-
-
-def _albedo(scene: Scene, plan: RenderPlan, surface: _Surface, attributes: dict[str, torch.Tensor], backend: str) -> torch.Tensor:
-    """float32 [B, H, W, 3]: (base colour * texture) * vertex colour; 0 on the background."""
-    albedo = surface.of_material([m.base_color for m in scene.materials], torch.float32)
-    if "uvs" in attributes:
-        textured = [i for i in scene.used_materials if scene.materials[i].texture is not None]
-        pixels, counts = surface.sorted_by_material(textured, len(scene.materials))
-        uvs = attributes["uvs"].reshape(-1, 2).index_select(0, pixels).split(counts)
-        texels = [_looked_up(scene.materials[i], uv, backend) for i, uv in zip(textured, uvs, strict=True)]
-        if texels:
-            flat = albedo.view(-1, 3)
-            flat.index_copy_(0, pixels, flat.index_select(0, pixels) * torch.cat(texels))
-    if "colors" in attributes:
-        applies = surface.of_material([m.vertex_colors for m in scene.materials], torch.bool)
-        albedo = torch.where(applies[..., None], albedo * attributes["colors"], albedo)
-    return torch.where(surface.covered[..., None], albedo, 0.0)
-
-
-def _looked_up(material: Material, uv: torch.Tensor, backend: str) -> torch.Tensor:
-    assert material.texture is not None
-    return sample_texture(torch.from_numpy(material.texture), uv, filter=material.filter, wrap=material.wrap, backend=backend)
-
-
-def _normals(
-    scene: Scene, plan: RenderPlan, surface: _Surface, attributes: dict[str, torch.Tensor], clip: NDArray[np.float32]
-) -> torch.Tensor:
-    """float32 [B, H, W, 3], world space, of any length, towards the viewer where the material is two-sided."""
-    smooth = attributes.get("normals")
-    if plan.flat_normals:
-        normals = surface.of_triangle(face_normals(scene.positions, scene.triangles))
-        if smooth is not None:
-            is_smooth = surface.of_material([m.smooth for m in scene.materials], torch.bool)
-            normals = torch.where(is_smooth[..., None], smooth, normals)
-    else:
-        normals = torch.zeros(*surface.covered.shape, 3, dtype=torch.float32, device="cpu") if smooth is None else smooth
-    if plan.two_sided:
-        turned = surface.of_material([m.two_sided for m in scene.materials], torch.bool)
-        turned = turned & surface.of_triangle_in_view(_back_facing(clip, scene.triangles))
-        normals = torch.where(turned[..., None], -normals, normals)
-    return normals
-
-
-def _back_facing(clip: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """bool [B, T]: the sign of det(x, y, w) of the corners; clipping does not change it, and no w needs to be positive."""
-    x, y, w = (clip[..., i].astype(np.float64)[:, triangles] for i in (0, 1, 3))  # [B, T, 3]
-    with np.errstate(over="ignore", invalid="ignore"):
-        determinant = (
-            x[..., 0] * (y[..., 1] * w[..., 2] - y[..., 2] * w[..., 1])
-            - y[..., 0] * (x[..., 1] * w[..., 2] - x[..., 2] * w[..., 1])
-        ) + w[..., 0] * (x[..., 1] * y[..., 2] - x[..., 2] * y[..., 1])
-        return determinant < 0
-
-
-def _lit(
-    scene: Scene, plan: RenderPlan, surface: _Surface, albedo: torch.Tensor, normals: torch.Tensor | None, backend: str
-) -> torch.Tensor:
-    """float32 [B, H, W, 3], linear, over the background."""
-    ambient = torch.tensor(scene.ambient, dtype=torch.float32, device="cpu")
-    if normals is None:
-        linear = albedo * ambient
-    else:
-        vectors = ([light.direction for light in scene.lights], [light.color for light in scene.lights])
-        directions, colors = (torch.tensor(v, dtype=torch.float32, device="cpu").reshape(-1, 3) for v in vectors)
-        linear = lambert(normals, albedo, ambient, directions, colors, backend=backend)
-    return torch.where(surface.covered[..., None], linear, _background(scene, linear.shape[1])[:, None, :])
-
-
-def _background(scene: Scene, height: int) -> torch.Tensor:
-    """float32 [H, 3]."""
-    top, bottom = (torch.tensor(color, dtype=torch.float32, device="cpu") for color in scene.background)
-    down = (torch.arange(height, dtype=torch.float32, device="cpu") + 0.5) / height
-    return top + (bottom - top) * down[:, None]
-
-
-def _averaged(linear: torch.Tensor, supersample: int) -> torch.Tensor:
-    """The mean of every supersample x supersample square, added up row by row."""
-    if supersample == 1:
-        return linear
-    total = torch.zeros_like(linear[:, ::supersample, ::supersample])
-    for row in range(supersample):
-        for column in range(supersample):
-            total = total + linear[:, row::supersample, column::supersample]
-    return total / (supersample * supersample)
+    return cameras
 
 
 def _check_type(name: str, value: object, allowed: type | tuple[type, ...], wanted: str) -> None:

@@ -19,9 +19,10 @@ from ..ops.rasterize import rasterize
 from ..precision import DEFAULT, PRECISIONS, RUNGS, Arithmetic
 from ..reference.numerics import MAX_SIZE
 from ..rendering.render import render
-from ..scene.camera import Camera, number
+from ..scene.camera import Camera
 from ..scene.plan import plan_for
 from ..scene.scene import Scene
+from ..scene.vectors import number
 from . import errors, provenance, truth
 from .clock import Timing, interleaved, summary
 from .truth import BACKGROUND, Seen

@@ -221,6 +221,11 @@ def encode_srgb(s: Source) -> Call:
     return (s.floats(*shape), s.floats(255), torch.empty(shape, dtype=torch.uint8)), []
 
 
+def transform(s: Source) -> Call:
+    vertices, views = s.size(60), s.size(3)
+    return (s.floats(vertices, 3), s.floats(views, 4, 4).double(), torch.empty(views, vertices, 4)), []
+
+
 # Each operator's arguments are made by the function of its name.
 MAKERS: list[Callable[[Source], Call]] = [globals()[op] for op in fakes.OPERATORS]
 

@@ -13,17 +13,37 @@ BIGTRI_HD double edge_at(const Primitive& p, int k, int32_t x, int32_t y) {
 }
 
 constexpr AttributeRule kAttributeRule = Rung::kAttributes;
+constexpr bool kUnsnappedWeights = kAttributeRule == AttributeRule::kUnsnapped;
 constexpr bool kFloatWeights =
     kAttributeRule == AttributeRule::kFloat32 || kAttributeRule == AttributeRule::kReciprocal;
+
+// The divisor v of several quotients, of the kind of `like`.
+template <class D>
+BIGTRI_HD const D& divisor_like(const D& v, double) {
+  return v;
+}
+BIGTRI_HD Divisor divisor_like(double v, const Divisor&) { return divisor(v); }
+
+// Barycentrics b of a record that is not clipped, from the edge values e, not yet rounded to float32. They are the
+// weights of its vertices. D is double or a vector of doubles; By, a double or what `quotient` divides D by alike.
+template <class D, class By>
+BIGTRI_HD void whole_barycentrics(const By& area, const By w[3], bool affine, const D e[3], D b[3]) {
+  for (int k = 0; k < 3; ++k) b[k] = quotient(e[k], area);
+  if (affine || kAttributeRule == AttributeRule::kAffine) return;
+  for (int k = 0; k < 3; ++k) b[k] = quotient(b[k], w[k]);
+  const D total = (b[0] + b[1]) + b[2];
+  const auto& sum = divisor_like(total, area);
+  for (int k = 0; k < 3; ++k) b[k] = quotient(b[k], sum);
+}
 
 // Barycentrics b from the edge values e, not yet rounded to float32. They are the weights of the record's vertices if
 // the parent is not clipped, else of the slots, in that order. D is double or a vector of doubles.
 template <int kRecords, class D>
 BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const D e[3], D b[3]) {
   const double area = (double)parent.primitive[record].area;
+  if (!parent.clipped) return whole_barycentrics(area, parent.w[record], parent.affine, e, b);
   for (int k = 0; k < 3; ++k) b[k] = e[k] / area;
   if constexpr (kAttributeRule == AttributeRule::kAffine) {
-    if (!parent.clipped) return;
     double t[3][3];  // of the record's vertices, over the slots
     for (int k = 0; k < 3; ++k) {
       const double* of = parent.weights[record][k];
@@ -33,15 +53,47 @@ BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const 
     for (int m = 0; m < 3; ++m) b[m] = (l0 * t[0][m] + l1 * t[1][m]) + l2 * t[2][m];
     return;
   }
-  if (parent.affine) return;
   for (int k = 0; k < 3; ++k) b[k] = b[k] / parent.w[record][k];
-  if (parent.clipped) {
-    const double (*t)[3] = parent.weights[record];
-    const D u0 = b[0], u1 = b[1], u2 = b[2];
-    for (int m = 0; m < 3; ++m) b[m] = (u0 * t[0][m] + u1 * t[1][m]) + u2 * t[2][m];
-  }
+  const double (*t)[3] = parent.weights[record];
+  const D u0 = b[0], u1 = b[1], u2 = b[2];
+  for (int m = 0; m < 3; ++m) b[m] = (u0 * t[0][m] + u1 * t[1][m]) + u2 * t[2][m];
   const D sum = (b[0] + b[1]) + b[2];
   for (int m = 0; m < 3; ++m) b[m] = b[m] / sum;
+}
+
+// u, negated if the triangle is turned the other way, and 0 where the pixel lies beyond its side.
+BIGTRI_HD double inner_part(double u, double turn) {
+  const double towards = turn < 0 ? -u : u;
+  return towards > 0 ? towards : 0.0;
+}
+// v / sum, or 0 where there is none: all vertices are seen at the pixel's centre.
+BIGTRI_HD double share_of(double v, double sum) { return sum == 0 ? 0.0 : v / sum; }
+
+// The same as barycentrics, of the parent's vertices as they were given. right, up: the pixel's centre in normalized
+// device coordinates. Seen from there, a point (x, y, w) of the triangle is the pixel's where both a and c are 0.
+template <int kRecords, class D>
+BIGTRI_HD void unsnapped_barycentrics(const ParentOf<kRecords>& parent, int record, const D& right, double up, D b[3]) {
+  D a[3];
+  double c[3];
+  for (int k = 0; k < 3; ++k) {
+    const float* v = parent.given[corner_of(parent, record, k)];
+    a[k] = (double)v[0] - right * (double)v[3];
+    c[k] = (double)v[1] - up * (double)v[3];
+  }
+  const D u0 = a[1] * c[2] - a[2] * c[1], u1 = a[2] * c[0] - a[0] * c[2], u2 = a[0] * c[1] - a[1] * c[0];
+  const D turn = (u0 + u1) + u2;
+  const D v0 = inner_part(u0, turn), v1 = inner_part(u1, turn), v2 = inner_part(u2, turn);
+  const D sum = (v0 + v1) + v2;
+  b[0] = share_of(v0, sum);
+  b[1] = share_of(v1, sum);
+  b[2] = share_of(v2, sum);
+}
+
+// Normalized device coordinates of the centre of column x, or of row y counted from below, of so many. place: x, or
+// several of it.
+template <class D>
+BIGTRI_HD D device_coordinate(const D& place, double size) {
+  return (place * 2.0 + (1.0 - size)) / size;
 }
 
 // 1 / v for positive v, specified down to its bits: an integer start and two Newton steps.

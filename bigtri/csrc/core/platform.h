@@ -26,6 +26,25 @@ BIGTRI_HD T max_of(T a, T b) {
   return a < b ? b : a;
 }
 
+// The functions from here to square_root have overloads for vectors (cpu/simd.h), so that a formula serves a pixel and a
+// vector of pixels.
+BIGTRI_HD float select(bool mask, float yes, float no) { return mask ? yes : no; }
+BIGTRI_HD int32_t select(bool mask, int32_t yes, int32_t no) { return mask ? yes : no; }
+
+// v, as a number of the kind of `like`.
+BIGTRI_HD float constant(float v, float) { return v; }
+
+// Cuts off the fraction. |v| must be below 2^31.
+BIGTRI_HD int32_t to_int(float v) { return (int32_t)v; }
+BIGTRI_HD float to_float(int32_t v) { return (float)v; }
+
+// Correctly rounded on the CPU and on the GPU.
+#if defined(__CUDA_ARCH__)
+BIGTRI_HD float square_root(float v) { return __fsqrt_rn(v); }
+#else
+BIGTRI_HD float square_root(float v) { return __builtin_sqrtf(v); }
+#endif
+
 // Reinterprets the bits. gcc, clang and nvcc all define reading the other member of a union.
 template <class To, class From>
 BIGTRI_HD To bits_as(From v) {

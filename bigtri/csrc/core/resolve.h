@@ -8,9 +8,23 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
+// The parent's vertices as they were given, clip space, where the rung's attributes need them; else nothing.
+template <bool kHas>
+struct CornersOf {};
+template <>
+struct CornersOf<true> {
+  float given[3][4];
+};
+using Corners = CornersOf<Rung::kAttributes == AttributeRule::kUnsnapped>;
+BIGTRI_HD void set_corners(const float[3][4], CornersOf<false>*) {}
+BIGTRI_HD void set_corners(const float v[3][4], CornersOf<true>* out) {
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < 4; ++i) out->given[k][i] = v[k][i];
+}
+
 // The records of a parent triangle in fan order, with the values that barycentrics are computed from.
 template <int kRecords>
-struct ParentOf {
+struct ParentOf : Corners {
   int count;  // records
   bool clipped;
   bool affine;                     // not clipped, and all w equal: no perspective correction
@@ -74,33 +88,44 @@ BIGTRI_HD void set_fan_places(const ClipVertex* polygon, int apex, int count, in
   }
 }
 
+// Sets up a parent triangle that is not clipped (Fate::kWhole) from its clip-space vertices v and their projections.
+// False if it has no record.
+template <int kRecords>
+BIGTRI_HD bool expand_whole(const float v[3][4], const Vertex projected[3], const Viewport& view,
+                            ParentOf<kRecords>* out) {
+  int32_t x[3], y[3];
+  float z[3];
+  for (int k = 0; k < 3; ++k) {
+    x[k] = projected[k].x;
+    y[k] = projected[k].y;
+    z[k] = projected[k].z;
+  }
+  set_corners(v, out);
+  out->clipped = false;
+  out->affine = v[0][3] == v[1][3] && v[1][3] == v[2][3];
+  out->count = make_primitive(x, y, z, view, &out->primitive[0]) ? 1 : 0;
+  if (out->count == 0) return false;
+  set_places(v, view, out->primitive[0].order, &out->primitive[0]);
+  for (int k = 0; k < 3; ++k) {
+    out->w[0][k] = v[out->primitive[0].order[k]][3];
+    for (int m = 0; m < 3; ++m) out->weights[0][k][m] = k == m ? 1.0 : 0.0;
+  }
+  return true;
+}
+
 // Sets up a parent triangle from its clip-space vertices v and their projections. out has no record unless the result
 // is kWhole or kClip.
 BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], const Viewport& view, Parent* out) {
   out->count = 0;
   out->clipped = false;
-  out->affine = v[0][3] == v[1][3] && v[1][3] == v[2][3];
   const uint32_t f0 = projected[0].flags, f1 = projected[1].flags, f2 = projected[2].flags;
   const Fate fate = fate_of(f0, f1, f2);
   if (fate == Fate::kWhole) {
-    int32_t x[3], y[3];
-    float z[3];
-    for (int k = 0; k < 3; ++k) {
-      x[k] = projected[k].x;
-      y[k] = projected[k].y;
-      z[k] = projected[k].z;
-    }
-    if (make_primitive(x, y, z, view, &out->primitive[0])) {
-      set_places(v, view, out->primitive[0].order, &out->primitive[0]);
-      for (int k = 0; k < 3; ++k) {
-        out->w[0][k] = v[out->primitive[0].order[k]][3];
-        for (int m = 0; m < 3; ++m) out->weights[0][k][m] = k == m ? 1.0 : 0.0;
-      }
-      out->count = 1;
-    }
+    expand_whole(v, projected, view, out);
   } else if (fate == Fate::kClip) {
     Fan fan;
     make_fan(v, (f0 | f1 | f2) & kOutsideMask, view.width, view.height, &fan);
+    set_corners(v, out);
     out->clipped = true;
     out->affine = false;
     out->first = fan.first;

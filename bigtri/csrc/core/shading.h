@@ -6,26 +6,21 @@
 
 namespace bigtri {
 
-// Correctly rounded on the CPU and on the GPU.
-#if defined(__CUDA_ARCH__)
-BIGTRI_HD float square_root(float v) { return __fsqrt_rn(v); }
-#else
-BIGTRI_HD float square_root(float v) { return __builtin_sqrtf(v); }
-#endif
-
-// directions, colors: [lights, 3], of the lights. normal, albedo, ambient, out: [3]. The normal need not have length 1.
-BIGTRI_HD void lambert(const float normal[3], const float albedo[3], const float ambient[3], const float* directions,
-                       const float* colors, int64_t lights, float out[3]) {
-  const float s = (normal[0] * normal[0] + normal[1] * normal[1]) + normal[2] * normal[2];
-  float n[3] = {0.0f, 0.0f, 0.0f};
-  if (s > 0.0f && is_finite(s)) {
-    const float length = square_root(s);
-    for (int i = 0; i < 3; ++i) n[i] = normal[i] / length;
+// directions, colors: [lights, 3], of the lights. normal, albedo, ambient, out: [3]. The normal need not have length 1. F
+// is float, or a vector of floats.
+template <class F>
+BIGTRI_HD void lambert(const F normal[3], const F albedo[3], const float ambient[3], const float* directions,
+                       const float* colors, int64_t lights, F out[3]) {
+  const F s = (normal[0] * normal[0] + normal[1] * normal[1]) + normal[2] * normal[2], length = square_root(s);
+  F n[3], c[3];
+  for (int i = 0; i < 3; ++i) {
+    n[i] = select((s > 0.0f) & (s < kInfinity), normal[i] / length, constant(0.0f, s));
+    c[i] = constant(ambient[i], s);
   }
-  float c[3] = {ambient[0], ambient[1], ambient[2]};
   for (int64_t l = 0; l < lights; ++l) {
     const float* d = directions + 3 * l;
-    const float cosine = max_of((n[0] * d[0] + n[1] * d[1]) + n[2] * d[2], 0.0f);
+    const F facing = (n[0] * d[0] + n[1] * d[1]) + n[2] * d[2];
+    const F cosine = select(facing > 0.0f, facing, constant(0.0f, s));
     for (int i = 0; i < 3; ++i) c[i] = c[i] + colors[3 * l + i] * cosine;
   }
   for (int i = 0; i < 3; ++i) out[i] = albedo[i] * c[i];
@@ -48,20 +43,36 @@ BIGTRI_HD float decode_srgb(int code) {
   return (float)(root * root * root);
 }
 
-// The sRGB byte of a linear value: the number of thresholds ([255], ascending) that are <= v. The count goes on from
-// `from`, which must not be above the result. A NaN gives `from`.
-BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds, int from) {
-  while (from < 255 && thresholds[from] <= v) ++from;
-  return (uint8_t)from;
+// Steps of [0, 1] in a table of where the search for a value's sRGB byte begins. Neighbouring thresholds lie at least
+// 1 / (255 * 12.92) > 1 / 4096 apart, the distance in the dark, so that a step holds one of them at most.
+constexpr int kSrgbSteps = 4096;
+struct SrgbTable {
+  float thresholds[256];  // ascending; the last one is a NaN, which no value reaches, not even an infinity
+  uint8_t start[kSrgbSteps + 1];  // start[k]: how many thresholds are <= k / kSrgbSteps
+};
+
+// The sRGB byte of a linear value: the number of thresholds that are <= v. A NaN gives 0.
+BIGTRI_HD uint8_t encode_srgb(float v, const SrgbTable& table) {
+  const float inside = v > 0.0f ? min_of(v, 1.0f) : 0.0f;
+  const int from = table.start[(int)(inside * kSrgbSteps)];
+  return (uint8_t)(from + (table.thresholds[from] <= v));
 }
 
-// The same by binary search, where a NaN gives 0. It takes eight comparisons for any v, so the threads of a warp do not
+// The same by binary search in thresholds [255]. It takes eight comparisons for any v, so the threads of a warp do not
 // diverge.
 BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds) {
   int from = 0;
   for (int step = 128; step > 0; step /= 2)
     if (thresholds[from + step - 1] <= v) from += step;
   return (uint8_t)from;
+}
+
+inline void fill_srgb_table(const float thresholds[255], SrgbTable* table) {
+  for (int i = 0; i < 256; ++i) table->thresholds[i] = i < 255 ? thresholds[i] : kNotANumber;
+  for (int k = 0, from = 0; k <= kSrgbSteps; ++k) {
+    while (table->thresholds[from] <= (float)k / kSrgbSteps) ++from;
+    table->start[k] = (uint8_t)from;
+  }
 }
 
 }  // namespace bigtri

@@ -10,29 +10,73 @@ namespace bigtri {
 enum class Filter : int { kNearest, kBilinear };
 enum class Wrap : int { kRepeat, kClamp };
 
+// F is float, or a vector of floats (cpu/simd.h), in what follows; I is an integer, or a vector of integers.
+
 // floor(v) for |v| < 2^31, without a library call.
-BIGTRI_HD float floor_small(float v) {
-  const float t = (float)(int32_t)v;
-  return t > v ? t - 1.0f : t;
+template <class F>
+BIGTRI_HD F floor_small(const F& v) {
+  const F t = to_float(to_int(v));
+  return select(t > v, t - 1.0f, t);
 }
 
 // floor(v) for any finite v. From 2^23 = 8388608 on, every float is an integer.
-BIGTRI_HD float floor_any(float v) {
-  const float magnitude = v < 0 ? -v : v;
-  return magnitude < 8388608.0f ? floor_small(v) : v;
+template <class F>
+BIGTRI_HD F floor_any(const F& v) {
+  const auto small = (v > -8388608.0f) & (v < 8388608.0f);
+  return select(small, floor_small(select(small, v, constant(0.0f, v))), v);
 }
 
 // u or v, brought into [0, 1].
-BIGTRI_HD float wrap_coordinate(float u, Wrap wrap) {
+template <class F>
+BIGTRI_HD F wrap_coordinate(const F& u, Wrap wrap) {
   if (wrap == Wrap::kRepeat) return u - floor_any(u);
-  return min_of(max_of(u, 0.0f), 1.0f);
+  const F low = select(u < 0.0f, constant(0.0f, u), u);
+  return select(low > 1.0f, constant(1.0f, u), low);
 }
 
-// The column or row of a texel, brought into [0, size).
-BIGTRI_HD int wrap_texel(int i, int size, Wrap wrap) {
-  if (wrap == Wrap::kClamp) return min_of(max_of(i, 0), size - 1);
-  const int r = i % size;
-  return r < 0 ? r + size : r;
+// A column or row next to the texture, -1 or `size`, brought into it: the other border's by repeating, else the nearest.
+template <class I>
+BIGTRI_HD I wrap_texel(const I& i, int size, Wrap wrap) {
+  if (wrap == Wrap::kClamp) return select(i < 0, i - i, select(i > size - 1, i - i + (size - 1), i));
+  return select(i < 0, i + size, select(i > size - 1, i - size, i));
+}
+
+// The coordinates of a lookup, brought into [0, 1]; (0, 0) for a pair with a NaN or an infinity.
+template <class F>
+BIGTRI_HD void wrap_coordinates(F* u, F* v, Wrap wrap) {
+  const F zero = constant(0.0f, *u);
+  const auto finite = (*u > -kInfinity) & (*u < kInfinity) & (*v > -kInfinity) & (*v < kInfinity);
+  *u = wrap_coordinate(select(finite, *u, zero), wrap);
+  *v = wrap_coordinate(select(finite, *v, zero), wrap);
+}
+
+// The texel that wrapped coordinates fall into.
+template <class F, class I>
+BIGTRI_HD void nearest_texel(int height, int width, const F& u, const F& v, I* x, I* y) {
+  const I column = to_int(floor_small(u * (float)width)), row = to_int(floor_small((1.0f - v) * (float)height));
+  *x = select(column > width - 1, column - column + (width - 1), column);
+  *y = select(row > height - 1, row - row + (height - 1), row);
+}
+
+// The four texels around wrapped coordinates, columns x[0] and x[1] of rows y[0] and y[1], and how far they lie from the
+// first of each.
+template <class F, class I>
+BIGTRI_HD void bilinear_texels(int height, int width, const F& u, const F& v, Wrap wrap, I x[2], I y[2], F* tx, F* ty) {
+  const F at_x = u * (float)width - 0.5f, at_y = (1.0f - v) * (float)height - 0.5f;
+  const F left = floor_small(at_x), upper = floor_small(at_y);
+  *tx = at_x - left;
+  *ty = at_y - upper;
+  for (int i = 0; i < 2; ++i) {
+    x[i] = wrap_texel(to_int(left) + i, width, wrap);
+    y[i] = wrap_texel(to_int(upper) + i, height, wrap);
+  }
+}
+
+// A channel between its values at those texels: c[row][column].
+template <class F>
+BIGTRI_HD F bilinear(const F c[2][2], const F& tx, const F& ty) {
+  const F top = c[0][0] + (c[0][1] - c[0][0]) * tx, bottom = c[1][0] + (c[1][1] - c[1][0]) * tx;
+  return top + (bottom - top) * ty;
 }
 
 // Texels that are sRGB codes, with a table of what they stand for.
@@ -55,27 +99,23 @@ BIGTRI_HD float linear_at(const CodedTexels<Code>& texture, int64_t i) {
 template <class Texture>
 BIGTRI_HD void sample(Texture texture, int height, int width, int64_t channels, float u, float v, Filter filter,
                       Wrap wrap, float* out) {
-  if (!(is_finite(u) && is_finite(v))) u = v = 0.0f;
-  u = wrap_coordinate(u, wrap);
-  v = wrap_coordinate(v, wrap);
+  wrap_coordinates(&u, &v, wrap);
   if (filter == Filter::kNearest) {
-    const int x = min_of((int)floor_small(u * (float)width), width - 1),
-              y = min_of((int)floor_small((1.0f - v) * (float)height), height - 1);
+    int32_t x, y;
+    nearest_texel(height, width, u, v, &x, &y);
     const int64_t texel = ((int64_t)y * width + x) * channels;
     for (int64_t c = 0; c < channels; ++c) out[c] = linear_at(texture, texel + c);
     return;
   }
-  const float x = u * (float)width - 0.5f, y = (1.0f - v) * (float)height - 0.5f;
-  const float fx = floor_small(x), fy = floor_small(y), tx = x - fx, ty = y - fy;
-  const int64_t x0 = wrap_texel((int)fx, width, wrap), x1 = wrap_texel((int)fx + 1, width, wrap);
-  const int64_t y0 = wrap_texel((int)fy, height, wrap), y1 = wrap_texel((int)fy + 1, height, wrap);
-  const int64_t i00 = (y0 * width + x0) * channels, i10 = (y0 * width + x1) * channels;
-  const int64_t i01 = (y1 * width + x0) * channels, i11 = (y1 * width + x1) * channels;
+  int32_t x[2], y[2];
+  float tx, ty;
+  bilinear_texels(height, width, u, v, wrap, x, y, &tx, &ty);
   for (int64_t c = 0; c < channels; ++c) {
-    const float c00 = linear_at(texture, i00 + c), c10 = linear_at(texture, i10 + c);
-    const float c01 = linear_at(texture, i01 + c), c11 = linear_at(texture, i11 + c);
-    const float top = c00 + (c10 - c00) * tx, bottom = c01 + (c11 - c01) * tx;
-    out[c] = top + (bottom - top) * ty;
+    float near[2][2];
+    for (int row = 0; row < 2; ++row)
+      for (int column = 0; column < 2; ++column)
+        near[row][column] = linear_at(texture, ((int64_t)y[row] * width + x[column]) * channels + c);
+    out[c] = bilinear(near, tx, ty);
   }
 }
 

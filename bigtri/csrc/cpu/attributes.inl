@@ -25,26 +25,27 @@ bool load_parent(const AttributeJob& job, const float* positions, int64_t triang
 }
 
 // Whether each pixel is tested by itself: where edge values do not fit float64, or do not decide coverage.
-constexpr bool kTestsRows = kFloatCoverage || Rung::kWideEdges;
-template <bool kTested>
-struct TestedRow {};
+constexpr bool kTestsRows = kFloatCoverage || Rung::kWideEdges || Rung::kWraps;
+// Which row of the image a record is in, where that is needed again.
+template <bool kKnown>
+struct PlacedRow {};
 template <>
-struct TestedRow<true> {
+struct PlacedRow<true> {
   int32_t y = 0;  // px
 };
-BIGTRI_INLINE void set_row(TestedRow<true>* row, int64_t y) { row->y = (int32_t)y; }
-BIGTRI_INLINE void set_row(TestedRow<false>*, int64_t) {}
+BIGTRI_INLINE void set_row(PlacedRow<true>* row, int64_t y) { row->y = (int32_t)y; }
+BIGTRI_INLINE void set_row(PlacedRow<false>*, int64_t) {}
 
 // A record in one row of the image. e_k at pixel x is start[k] + step[k] * x: integers below 2^53, so float64 is exact.
 // Edge k has the pixel inside if e_k >= least[k], which is 0 if the edge owns the samples on it, else 1.
-struct RowRecord : TestedRow<kTestsRows> {
+struct RowRecord : PlacedRow<kTestsRows || kUnsnappedWeights> {
   int record = -1;
   double start[3] = {}, step[3] = {}, least[3] = {};
   const float* source[3] = {};  // attributes of the corner that barycentric k belongs to; null without attributes
 };
 
-void begin_record(const AttributeJob& job, const float* attributes, const Parent& parent, int record, int64_t triangle,
-                  int64_t y, RowRecord* row) {
+template <int kRecords>
+BIGTRI_INLINE void begin_edges(const ParentOf<kRecords>& parent, int record, int64_t y, RowRecord* row) {
   const Primitive& p = parent.primitive[record];
   row->record = record;
   set_row(row, y);
@@ -53,15 +54,22 @@ void begin_record(const AttributeJob& job, const float* attributes, const Parent
     row->start[k] = edge_at(p, k, 0, (int32_t)y);
     row->step[k] = -(double)kSubpixel * edge.dy;
     row->least[k] = -(double)edge_bias(edge);
+  }
+}
+
+void begin_record(const AttributeJob& job, const float* attributes, const Parent& parent, int record, int64_t triangle,
+                  int64_t y, RowRecord* row) {
+  begin_edges(parent, record, y, row);
+  for (int k = 0; k < 3; ++k)
     row->source[k] =
         attributes ? attributes + job.channels * job.triangles[3 * triangle + corner_of(parent, record, k)] : nullptr;
-  }
 }
 
 // The edge values of n pixels of a row from x on, and whether the record covers them, one by one. The others repeat the
 // last one.
-BIGTRI_INLINE void test_eight(const Parent& parent, const TestedRow<true>& row, int record, int64_t x, int n,
-                              f64x8 e[3], bool covered[8]) {
+template <int kRecords>
+BIGTRI_INLINE void test_eight(const ParentOf<kRecords>& parent, const PlacedRow<true>& row, int record, int64_t x,
+                              int n, f64x8 e[3], bool covered[8]) {
   const Primitive& p = parent.primitive[record];
   double value[3][8];
   for (int i = 0; i < 8; ++i) {
@@ -71,22 +79,38 @@ BIGTRI_INLINE void test_eight(const Parent& parent, const TestedRow<true>& row, 
   }
   for (int k = 0; k < 3; ++k) e[k] = load<f64x8>(value[k]);
 }
-BIGTRI_INLINE void test_eight(const Parent&, const TestedRow<false>&, int, int64_t, int, f64x8[3], bool[8]) {}
+template <int kRecords>
+BIGTRI_INLINE void test_eight(const ParentOf<kRecords>&, const PlacedRow<false>&, int, int64_t, int, f64x8[3],
+                              bool[8]) {}
+
+// unsnapped_barycentrics of eight pixels of a row from x on.
+template <int kRecords>
+BIGTRI_INLINE void weigh_unsnapped(int width, int height, const ParentOf<kRecords>& parent, const PlacedRow<true>& row,
+                                   int record, int64_t x, f64x8 b[3]) {
+  if constexpr (kUnsnappedWeights)
+    unsnapped_barycentrics(parent, record, device_coordinate(load<f64x8>(kLaneDouble) + (double)x, (double)width),
+                           device_coordinate((double)(height - 1 - row.y), (double)height), b);
+}
+template <int kRecords>
+BIGTRI_INLINE void weigh_unsnapped(int, int, const ParentOf<kRecords>&, const PlacedRow<false>&, int, int64_t,
+                                   f64x8[3]) {}
 
 // float_barycentrics, in vectors of float64: b holds float32 values.
-BIGTRI_INLINE void barycentrics_in_float(const Parent& parent, int record, const f64x8 e[3], f64x8 b[3]) {
+template <int kRecords>
+BIGTRI_INLINE void barycentrics_in_float(const ParentOf<kRecords>& parent, int record, const f64x8 e[3], f64x8 b[3]) {
   const f32x8 rounded[3] = {to_float(e[0]), to_float(e[1]), to_float(e[2])};
   f32x8 weight[3];
   float_barycentrics(parent, record, rounded, weight);
   for (int k = 0; k < 3; ++k) b[k] = to_double(weight[k]);
 }
 
-// Computes the pixels x to x + 7, all of one record, and writes the first n. A pixel that the record does not cover
-// gets zeros: the visibility buffer came from another drawing.
-void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowRecord& row, int64_t x, int n,
-                       float* out) {
+// The weights of the pixels x to x + 7, all of one record, and which of the first n of them it covers. width, height: of
+// the image.
+template <int kRecords>
+BIGTRI_INLINE void weigh_eight(int width, int height, const ParentOf<kRecords>& parent, const RowRecord& row, int64_t x,
+                               int n, f32x8 weight[3], bool covered[8]) {
   f64x8 e[3], b[3];
-  bool covered[8] = {true, true, true, true, true, true, true, true};
+  for (int i = 0; i < 8; ++i) covered[i] = true;
   if constexpr (kTestsRows)
     test_eight(parent, row, row.record, x, n, e, covered);
   else
@@ -94,11 +118,22 @@ void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowR
       e[k] = row.start[k] + (load<f64x8>(kLaneDouble) + (double)x) * row.step[k];
       for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= row.least[k];
     }
-  if constexpr (kFloatWeights)
+  if constexpr (kUnsnappedWeights)
+    weigh_unsnapped(width, height, parent, row, row.record, x, b);
+  else if constexpr (kFloatWeights)
     barycentrics_in_float(parent, row.record, e, b);
   else
     barycentrics(parent, row.record, e, b);
-  const f32x8 weight[3] = {to_float(b[0]), to_float(b[1]), to_float(b[2])};
+  for (int k = 0; k < 3; ++k) weight[k] = to_float(b[k]);
+}
+
+// Computes the pixels x to x + 7, all of one record, and writes the first n. A pixel that the record does not cover
+// gets zeros: the visibility buffer came from another drawing.
+void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowRecord& row, int64_t x, int n,
+                       float* out) {
+  f32x8 weight[3];
+  bool covered[8];
+  weigh_eight(job.width, job.height, parent, row, x, n, weight, covered);
   for (int64_t c = 0; c < job.channels; ++c) {
     f32x8 v = weight[0];
     if (job.attributes)
@@ -173,16 +208,8 @@ void stage_lambert(const float* normals, const float* albedo, const float* ambie
     lambert(normals + 3 * i, albedo + 3 * i, ambient, directions, colors, lights, out + 3 * i);
 }
 
-void stage_encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out) {
-  // start[k] is the code of k/4096. The search for a value begins at the start below it and counts thresholds upwards.
-  // Even in the dark, where thresholds are densest, hardly one lies between one k and the next.
-  constexpr int kSteps = 4096;
-  uint8_t start[kSteps + 1];
-  for (int k = 0; k <= kSteps; ++k) start[k] = encode_srgb((float)k / kSteps, thresholds, k ? start[k - 1] : 0);
-  for (int64_t i = 0; i < count; ++i) {
-    const float inside = linear[i] > 0.0f ? min_of(linear[i], 1.0f) : 0.0f;
-    out[i] = encode_srgb(linear[i], thresholds, start[(int)(inside * kSteps)]);
-  }
+void stage_encode_srgb(const float* linear, const SrgbTable& table, int64_t count, uint8_t* out) {
+  for (int64_t i = 0; i < count; ++i) out[i] = encode_srgb(linear[i], table);
 }
 
 }  // namespace

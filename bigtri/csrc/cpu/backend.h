@@ -8,7 +8,7 @@
 #include "../core/counters.h"
 #include "../core/frame.h"
 #include "../core/registry.h"
-#include "../core/texture.h"
+#include "../core/surface.h"
 #include "parallel.h"
 
 namespace bigtri {
@@ -24,12 +24,57 @@ bool find_isa(const std::string& name, Isa* isa);
 Isa current_isa();
 void use_isa(Isa isa);
 
+// --- The shading pass: from a visibility buffer to a picture
+
+struct ShadeJob;
+
+// Samples of one view that are shaded at a time: a rectangle of whole pixels, up to kBin samples a side where a pixel is
+// not wider.
+struct ShadeBlock {
+  int64_t view;
+  const int64_t* packed;  // of its first sample
+  int64_t pitch;  // packed values from one row to the next
+  int x, y, width, height;
+};
+
+// The kernels of the shading pass (shade.inl), of a rung and an instruction set.
+struct ShadeKernels {
+  // Prepares a worker's memory for a job: kShadeScratchBytes, 64-byte aligned.
+  void (*begin)(void* scratch);
+  void (*block)(const ShadeJob& job, const ShadeBlock& block, void* scratch);
+  // The background of `width` x `height` samples from (x, y) on, whole pixels; it may be wider than a block.
+  void (*background)(const ShadeJob& job, int64_t view, int x, int y, int width, int height);
+};
+constexpr int64_t kShadeScratchBytes = 192 * 1024;
+
+struct ShadeJob {
+  const ShadeKernels* kernels;
+  const int64_t* packed;  // [views, H, W], the visibility buffer
+  const float* positions;  // [views, V, 4] or [V, 4], clip space
+  int64_t position_view;  // floats from one view's positions to the next view's; 0 if all views share them
+  const int32_t* triangles;  // [T, 3], vertex indices, which name vertices
+  int64_t triangle_count;  // T
+  int64_t views;
+  int height, width;  // of the visibility buffer, px; multiples of samples
+  int samples;  // of a pixel of the picture along each axis
+  Surface surface;
+  const SrgbTable* srgb;
+  const float *decoded8, *decoded16;  // what sRGB codes of textures stand for; decoded16 may be null without such
+  const uint8_t* background;  // [H / samples, 4], sRGB and alpha: of each row of the picture (background_rows)
+  uint8_t* image;  // out: [views, H / samples, W / samples, channels], sRGB
+  int channels;  // 3; or 4, with alpha, and then the background is transparent black
+  bool streams;  // whether background is stored around the caches
+  // out, or null: [views, H, W, 3]; 0 on the background, but `linear`, which has the background's colour.
+  float *albedo, *normals, *linear;
+};
+
 // --- Variants
 
 // A frame whose vertex indices have been checked: all lie in [lowest, highest], and both ends name vertices. Without
 // triangles lowest > highest.
 struct CheckedFrame : Frame {
   int64_t lowest, highest;
+  const ShadeJob* shade;  // the picture to be made by a variant that shades, or null; packed may then be null
 };
 
 // Smallest and largest of count indices; (INT32_MAX, INT32_MIN) if count is 0.
@@ -43,6 +88,7 @@ struct Variant {
   const Parameter* parameters;  // ends with a null name
   // Writes every pixel of every view, and dropped. values: one for each parameter, in their order.
   void (*draw)(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values);
+  bool shades;  // whether it makes the frame's picture, of samples that divide a bin, as it draws
 };
 
 // --- Stages one by one. Shapes and meaning of the arrays: docs/architecture.md, Stages; docs/numerics.md, 2.4.
@@ -106,6 +152,7 @@ struct CpuRung {
   const Variant* const* counting;  // the same variants, compiled with counters; null: the rung's work is not counted
   const Stages* stages;  // null: the rung's stages run on the reference alone
   void (*interpolate)(const AttributeJob& job, const Parallel& parallel);
+  const ShadeKernels& (*shade_kernels)();  // of the instruction set in use
 };
 
 // All rungs, the default first; ends with a null name.
@@ -120,5 +167,25 @@ void sample(const Code* texture, int height, int width, int64_t channels, const 
 void lambert(const float* normals, const float* albedo, const float* ambient, const float* directions,
              const float* colors, int64_t lights, int64_t count, float* out, const Parallel& parallel);
 void encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out, const Parallel& parallel);
+
+// Shades a whole visibility buffer.
+void shade_views(const ShadeJob& job, const Parallel& parallel);
+// One view of a job, as a job; packed is the caller's to set.
+ShadeJob view_of(const ShadeJob& job, int64_t view);
+
+// What ShadeJob::background points to, for a job that has all the rest.
+std::vector<uint8_t> background_rows(const ShadeJob& job);
+
+// What all sRGB codes of a type stand for, made when it is first asked for.
+template <class Code>
+const float* decoded();
+// The table of the thresholds [255], the calling thread's until it asks for another.
+const SrgbTable& srgb_table(const float* thresholds);
+
+// --- Points to clip space
+
+// points [count, 3], matrices [views, 4, 4], out [views, count, 4].
+void transform(const float* points, const double* matrices, int64_t count, int64_t views, float* out,
+               const Parallel& parallel);
 
 }  // namespace bigtri

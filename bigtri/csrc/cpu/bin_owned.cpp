@@ -88,6 +88,9 @@ int64_t slots_needed(const SetupJob& job, int64_t begin, int64_t end) {
   return n;
 }
 
+// A worker's memory: for a bin, and for shading it.
+int64_t scratch_bytes(const CheckedFrame& frame) { return kScratchBytes + (frame.shade ? kShadeScratchBytes : 0); }
+
 class Drawing {
  public:
   Drawing(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values)
@@ -96,8 +99,10 @@ class Drawing {
         parallel_(parallel),
         most_records_(values[kRecords]),
         most_candidates_(values[kCandidates]),
-        scratch_(allocate<char>(parallel.threads * kScratchBytes + 64)) {
+        scratch_(allocate<char>(parallel.threads * scratch_bytes(frame) + 64)),
+        shade_begun_(parallel.threads, 0) {
     job_ = {};
+    job_.shade = frame.shade;
     job_.view = frame.view;
     job_.packed = frame.packed;
     job_.depth = frame.depth;
@@ -116,6 +121,8 @@ class Drawing {
     if (used && frame_.view_stride) together = std::clamp<int64_t>(kGroupVertices / used, 1, together);
     for (int64_t view = 0; used && view < frame_.views; view += together)
       draw_group(view, std::min<int64_t>(together, frame_.views - view), used);
+    finish_open_view();
+    job_.finished_views = frame_.views;
     raster(frame_.views, nullptr, nullptr);  // background of the views that no pass has begun
     counts_.publish(frame_.counters);
   }
@@ -199,7 +206,8 @@ class Drawing {
         counts_.add(Counter::records, chunks[i].used);
       }
       view_begin.push_back(slots);
-      draw_records(records.get(), candidates.get(), first_view, view_begin);
+      draw_records(records.get(), candidates.get(), first_view, view_begin,
+                   end == chunks.size() || chunks[end].view != chunks[end - 1].view);
       begin = end;
     }
   }
@@ -208,8 +216,9 @@ class Drawing {
 
   // Draws a batch, in as many passes as most_candidates_ asks for. The records of view first_view + v are in the slots
   // [view_begin[v], view_begin[v + 1]). A slot without candidates has no record.
+  // Whether the batch ends its last view is ends_last; it ends every other.
   void draw_records(const Record* records, const uint32_t* candidates, int64_t first_view,
-                    const std::vector<int64_t>& view_begin) {
+                    const std::vector<int64_t>& view_begin, bool ends_last) {
     const int64_t count = view_begin.back();
     job_.records = records;
     size_t view = 0;
@@ -221,7 +230,7 @@ class Drawing {
       while (end > view_begin[last + 1]) ++last;
       if (total)
         pass(records, candidates, begin, end, total, first_view + (int64_t)view, (int64_t)(last - view) + 1,
-             view_begin.data() + view);
+             view_begin.data() + view, end == view_begin[last + 1] && (end < count || ends_last));
       begin = end;
     }
   }
@@ -230,9 +239,10 @@ class Drawing {
   // The sort is a counting sort of (bin, entry) pairs. The slots are cut into runs of about equal candidates.
   // Count: each run writes its pairs and counts them per bin. Place: running sums turn the counts into
   // places in `entries`. Scatter: each run copies its entries there. Places follow the order of the runs, so the
-  // lists do not depend on the threads.
+  // lists do not depend on the threads. ends_last: no later pass has records of the last view.
   void pass(const Record* records, const uint32_t* candidates, int64_t begin, int64_t end, int64_t total,
-            int64_t first_view, int64_t views, const int64_t* view_begin) {
+            int64_t first_view, int64_t views, const int64_t* view_begin, bool ends_last) {
+    if (open_view_ < first_view) finish_open_view();
     const int64_t bins = views * job_.bins;
     const int64_t wanted = std::min({(int64_t)(parallel_.threads > 1 ? 4 * parallel_.threads : 1), total / 2048 + 1,
                                      std::max<int64_t>(1, kMostCounts / bins)});
@@ -277,7 +287,30 @@ class Drawing {
         entries[next[p->bin]++] = p->entry;
     });
     job_.first_bin = first_view * job_.bins - ahead;
+    job_.finished_views = first_view + views - !ends_last;
     raster(first_view + views, entries.get(), list_begin.data());
+  }
+
+  // Finds memory for the pixels of the open view, apart from that of the view that the pass begins with.
+  void hold_open_view() {
+    if (job_.begun.view == open_view_) {
+      job_.unfinished = job_.begun;
+      return;
+    }
+    auto& memory = held_[job_.begun.pixels && job_.begun.pixels == held_[0].get()];
+    if (!memory) memory = allocate<int64_t>((int64_t)job_.view.width * job_.view.height);
+    job_.unfinished.view = open_view_;
+    job_.unfinished.pixels = memory.get();
+  }
+
+  // Shades the open view, of which no later pass has a record that reaches a bin.
+  void finish_open_view() {
+    if (open_view_ < 0) return;
+    ShadeJob one = view_of(*job_.shade, open_view_);
+    one.packed = job_.packed ? pixels_of(frame_, open_view_) : job_.unfinished.pixels;
+    shade_views(one, parallel_);
+    open_view_ = -1;
+    job_.unfinished = {};
   }
 
   // Draws the bins from job_.first_bin on, up to view end_view. If list_begin is null, it writes background to all
@@ -306,15 +339,22 @@ class Drawing {
         if (b - runs.back() == kMostEmpty || !empty(b, 1) || !empty(b - 1, 1)) runs.push_back(b);
     }
     runs.push_back(end);
+    job_.begun = job_.unfinished;
+    job_.unfinished = {};
+    open_view_ = job_.shade && job_.finished_views < end_view ? end_view - 1 : -1;
+    if (open_view_ >= 0 && !job_.packed) hold_open_view();
     // Runs that follow each other lie in different parts of the image, one for each thread. Where its memory is new, the
     // system clears a page of 2 MiB when it is first touched, once for each thread that touches it meanwhile.
     const int64_t count = (int64_t)runs.size() - 1, parts = parallel_.threads;
     parallel_.with_slots(parts * ((count + parts - 1) / parts), [&](int64_t i, int64_t slot) {
       const int64_t part = i % parts, run = count * part / parts + i / parts;
       if (run >= count * (part + 1) / parts) return;
-      char* scratch = scratch_.get() + slot * kScratchBytes;
+      char* scratch = scratch_.get() + slot * scratch_bytes(frame_);
       scratch += -(uintptr_t)scratch & 63;  // up to the next multiple of 64 bytes
-      kernels_.raster_bins(job_, runs[run], (int)(runs[run + 1] - runs[run]), scratch);
+      char* shade_scratch = scratch + kScratchBytes;
+      if (job_.shade && !shade_begun_[slot]) job_.shade->kernels->begin(shade_scratch);
+      shade_begun_[slot] = 1;
+      kernels_.raster_bins(job_, runs[run], (int)(runs[run + 1] - runs[run]), scratch, shade_scratch);
     });
     job_.begun_views = std::max(job_.begun_views, end_view);
   }
@@ -324,7 +364,10 @@ class Drawing {
   const Parallel& parallel_;
   const int64_t most_records_, most_candidates_;  // of a batch; of a pass
   RasterJob job_;                                 // of the pass that is drawn
-  std::unique_ptr<char[]> scratch_;               // kScratchBytes per worker, and 64 to align the first
+  std::unique_ptr<char[]> scratch_;               // scratch_bytes per worker, and 64 to align the first
+  std::vector<char> shade_begun_;                 // of each worker: whether its memory for shading is in use
+  int64_t open_view_ = -1;  // the view of the last pass that was not finished, if a picture is made; else -1
+  std::unique_ptr<int64_t[]> held_[2];  // for job_.begun and job_.unfinished
   Counts counts_;
 };
 
@@ -336,7 +379,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 
 extern const Variant bin_owned_variant;
 const Variant bin_owned_variant = {"bin_owned", "one owner a bin, hidden surfaces rejected; docs/performance.md",
-                                   kParameters, draw};
+                                   kParameters, draw, /*shades=*/true};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "../core/record.h"
+#include "backend.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -38,6 +39,12 @@ struct BinJob {
   int bins_x, bins;  // bins across a view, bins of a view
 };
 
+// Memory for the pixels of a view that takes several passes, where the caller wants no visibility buffer.
+struct Held {
+  int64_t view = -1;
+  int64_t* pixels = nullptr;  // [H, W]
+};
+
 // The bin lists of a pass, for drawing. Bins are numbered through all views. With i = b - first_bin, the list of bin b
 // is entries[list_begin[i]] to entries[list_begin[i + 1]].
 struct RasterJob {
@@ -48,7 +55,11 @@ struct RasterJob {
   int64_t begun_views;  // views below it have been stored at least once; a bin of any other view starts as background
   int bins_x, bins;  // bins across a view, bins of a view
   Viewport view;  // the same for every view
-  int64_t* packed;  // out: [views, H, W]
+  int64_t* packed;  // out: [views, H, W] or null
+  Held begun,
+      unfinished;  // where packed is null: the view that earlier passes began, and the one that later ones go on with
+  const ShadeJob* shade;  // the picture to be made, or null
+  int64_t finished_views;  // views below it are finished by this pass, and so shaded
   float* depth;  // out: [views, H, W] or null
   // Whether packed, and depth, are stored around the caches, which is faster only if the image does not fit them.
   bool streams_packed, streams_depth;
@@ -69,8 +80,9 @@ struct BinOwnedKernels {
   // number of pairs, which is at most the sum of candidates.
   int64_t (*bin)(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts);
   // Draws one bin and stores its pixels, or stores background to `bins` bins of a row that have no entries. bin, the
-  // first, is numbered through all views; scratch is 64-byte aligned.
-  void (*raster_bins)(const RasterJob& job, int64_t bin, int bins, void* scratch);
+  // first, is numbered through all views; scratch is 64-byte aligned. If there is a picture to be made, shades what is
+  // finished; shade_scratch is for that (ShadeKernels).
+  void (*raster_bins)(const RasterJob& job, int64_t bin, int bins, void* scratch, void* shade_scratch);
 };
 
 }  // namespace BIGTRI_NAMESPACE

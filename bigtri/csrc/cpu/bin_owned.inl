@@ -8,6 +8,11 @@
 // nothing behind the record's farthest depth there can be seen. Only large records that are not far give bounds. Within
 // a block of records, bounds are gathered before pixels are drawn; later blocks of the pass keep them.
 //
+// A bound is a depth that is stored at some pixel, or a vertex depth, which all stored depths are clamped to. So it holds
+// for planes in float32 (the rung fast) as for those in float64: core/depth.h (corner_plane) has the proof, which asks
+// only that every rounding is monotone. What does not depend on the plane, masks, full tiles and the direct path of
+// small records, rests on integer coverage alone, which all rungs of this variant have.
+//
 // All tests against a bound are strict. A record is also tested against the bound that it gave itself, and one of
 // constant depth equals it. Another record of the same depth may win by its lower triangle index.
 #pragma once
@@ -240,16 +245,25 @@ void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, 
 }
 
 // Bins without entries are stored as background, or left as they are if an earlier pass stored them.
-void raster_bins(const RasterJob& job, int64_t bin, int bins, void* memory) {
+void raster_bins(const RasterJob& job, int64_t bin, int bins, void* memory, void* shade_memory) {
   Scratch* s = (Scratch*)memory;
   const uint32_t* begin = job.list_begin + (bin - job.first_bin);
   const uint32_t *list = job.entries + begin[0], *end = job.entries + begin[bins];
   const int64_t view = bin / job.bins;
   const int in_view = (int)(bin - view * job.bins), bin_x = in_view % job.bins_x, bin_y = in_view / job.bins_x;
   const Patch patch = patch_of(job, view, bin_x, bin_y, bins);
-  const bool begun = view < job.begun_views;
+  const bool begun = view < job.begun_views, shades = job.shade && view < job.finished_views;
   if (list == end) {
-    if (!begun) store_background(job, patch);
+    if (!begun) {
+      store_background(job, patch);
+      if (shades) job.shade->kernels->background(*job.shade, view, patch.x, patch.y, patch.width, patch.height);
+    } else if (shades) {
+      for (int x = 0; x < patch.width; x += kBin)
+        job.shade->kernels->block(
+            *job.shade,
+            {view, patch.packed + x, job.view.width, patch.x + x, patch.y, min_of(kBin, patch.width - x), patch.height},
+            shade_memory);
+    }
     return;
   }
   for (int i = 0; i < kBin * kBin; i += 8) store(s->pixels + i, splat<i64x8>(kBackground));
@@ -257,6 +271,9 @@ void raster_bins(const RasterJob& job, int64_t bin, int bins, void* memory) {
   draw_list(job, list, end, bin_x, bin_y, s);
   apply_scissor(job.view, patch, s->pixels);
   store_bin(job, patch, s->pixels);
+  if (shades)
+    job.shade->kernels->block(*job.shade, {view, s->pixels, kBin, patch.x, patch.y, patch.width, patch.height},
+                              shade_memory);
 }
 
 }  // namespace

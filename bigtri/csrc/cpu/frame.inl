@@ -13,20 +13,23 @@ namespace {
 // A bin, or several side by side, cut to the image.
 struct Patch {
   int x, y, width, height;  // px
-  int64_t at;               // index of its first pixel in `packed` and `depth`
+  int64_t at;               // index of its first pixel in the images of all views
+  int64_t* packed;          // its first pixel in the visibility buffer; null: it is in none
 };
 
 BIGTRI_INLINE Patch patch_of(const RasterJob& job, int64_t view, int bin_x, int bin_y, int bins) {
   const int x = bin_x * kBin, y = bin_y * kBin;
-  return {x, y, min_of(bins * kBin, job.view.width - x), min_of(kBin, job.view.height - y),
-          (view * job.view.height + y) * job.view.width + x};
+  const int64_t in_view = (int64_t)y * job.view.width + x, at = view * job.view.height * job.view.width + in_view;
+  int64_t* packed = job.packed ? job.packed + at : nullptr;
+  for (const Held& held : {job.begun, job.unfinished})
+    if (!packed && view == held.view) packed = held.pixels + in_view;
+  return {x, y, min_of(bins * kBin, job.view.width - x), min_of(kBin, job.view.height - y), at, packed};
 }
 
 // pixels: the worker's buffer, rows of kBin. A later pass reads what an earlier one has stored.
 void load_bin(const RasterJob& job, const Patch& p, int64_t* pixels) {
   for (int j = 0; j < p.height; ++j)
-    __builtin_memcpy(pixels + j * kBin, job.packed + p.at + (int64_t)j * job.view.width,
-                     (size_t)p.width * sizeof(int64_t));
+    __builtin_memcpy(pixels + j * kBin, p.packed + (int64_t)j * job.view.width, (size_t)p.width * sizeof(int64_t));
 }
 
 // Tiles and rows are drawn without a scissor test. This resets the pixels outside the scissor to background; only the
@@ -41,16 +44,18 @@ void apply_scissor(const Viewport& v, const Patch& p, int64_t* pixels) {
 // Stores row j of a patch. In a large image aligned rows of whole bins are streamed: an ordinary store would first read
 // the cache line that it overwrites.
 BIGTRI_INLINE void store_row(const RasterJob& job, const Patch& p, int j, const int64_t* row) {
-  const int64_t at = p.at + (int64_t)j * job.view.width;
-  int64_t* to = job.packed + at;
-  if (p.width == kBin && job.streams_packed && ((uintptr_t)to & 63) == 0)
+  int64_t* to = p.packed + (int64_t)j * job.view.width;
+  if (!p.packed) {
+    // Only a picture is made.
+  } else if (p.width == kBin && job.streams_packed && ((uintptr_t)to & 63) == 0) {
     for (int i = 0; i < kBin; i += 8) stream(to + i, load<i64x8>(row + i));
-  else if (p.width == kBin)
+  } else if (p.width == kBin) {
     for (int i = 0; i < kBin; i += 8) store(to + i, load<i64x8>(row + i));
-  else
+  } else {
     for (int i = 0; i < p.width; ++i) to[i] = row[i];
+  }
   if (!job.depth) return;
-  float* depth = job.depth + at;
+  float* depth = job.depth + p.at + (int64_t)j * job.view.width;
   if (p.width == kBin && job.streams_depth && ((uintptr_t)depth & 31) == 0)
     for (int i = 0; i < kBin; i += 8) stream(depth + i, depths_of(load<i64x8>(row + i)));
   else if (p.width == kBin)
@@ -82,13 +87,13 @@ BIGTRI_INLINE void fill(T* to, int n, T value, bool streams) {
 void store_background(const RasterJob& job, const Patch& p) {
   if (p.width == job.view.width) {
     const bool streams = p.at >= job.rows_in_cache;
-    fill(job.packed + p.at, p.width * p.height, kBackground, streams);
+    if (p.packed) fill(p.packed, p.width * p.height, kBackground, streams);
     if (job.depth) fill(job.depth + p.at, p.width * p.height, depth_of(kBackground), streams);
     return;
   }
   for (int j = 0; j < p.height; ++j) {
     const int64_t at = p.at + (int64_t)j * job.view.width;
-    fill(job.packed + at, p.width, kBackground, job.streams_packed);
+    if (p.packed) fill(p.packed + (int64_t)j * job.view.width, p.width, kBackground, job.streams_packed);
     if (job.depth) fill(job.depth + at, p.width, depth_of(kBackground), job.streams_depth);
   }
 }

@@ -1,5 +1,5 @@
 // The kernels: the functions that are compiled once per instruction set. The code that calls them declares them as a
-// struct (BinOwnedKernels, TwoStageKernels, StageKernels, AttributeKernels). A table of all of them is built for each instruction set
+// struct (BinOwnedKernels, TwoStageKernels, StageKernels, AttributeKernels, ShadeKernels). A table of all of them is built for each instruction set
 // (kernel_table.inl); current_kernels() is the table in use.
 #pragma once
 
@@ -28,7 +28,7 @@ struct AttributeKernels {
   SampleKernel<CodedTexels<uint16_t>> sample_codes16;
   void (*lambert)(const float* normals, const float* albedo, const float* ambient, const float* directions,
                   const float* colors, int64_t lights, int64_t count, float* out);
-  void (*encode_srgb)(const float* linear, const float* thresholds, int64_t count, uint8_t* out);
+  void (*encode_srgb)(const float* linear, const SrgbTable& table, int64_t count, uint8_t* out);
 };
 
 struct Kernels {
@@ -36,6 +36,7 @@ struct Kernels {
   StageKernels stages;
   AttributeKernels attributes;
   TwoStageKernels two_stage;
+  ShadeKernels shade;
 };
 
 const Kernels& current_kernels();

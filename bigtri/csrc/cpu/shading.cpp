@@ -4,19 +4,12 @@
 
 #include <algorithm>
 #include <array>
+#include <cstring>
 
 #include "kernels.h"
 
 namespace bigtri {
-namespace {
 
-// body(begin, end) for blocks of `step` elements out of `count`.
-template <class Body>
-void in_blocks(const Parallel& parallel, int64_t count, int64_t step, const Body& body) {
-  parallel((count + step - 1) / step, [&](int64_t i) { body(i * step, std::min(count, (i + 1) * step)); });
-}
-
-// What all codes of a type stand for, made when the first texture of such codes comes.
 template <class Code>
 const float* decoded() {
   constexpr int kLast = (Code)-1, kStep = 65535 / kLast;
@@ -27,6 +20,43 @@ const float* decoded() {
     return values;
   }();
   return table.data();
+}
+template const float* decoded<uint8_t>();
+template const float* decoded<uint16_t>();
+
+const SrgbTable& srgb_table(const float* thresholds) {
+  static thread_local SrgbTable table;
+  static thread_local bool made = false;
+  if (!made || memcmp(table.thresholds, thresholds, 255 * sizeof(float)) != 0) {
+    const FloatMode mode;
+    fill_srgb_table(thresholds, &table);
+    made = true;
+  }
+  return table;
+}
+
+std::vector<uint8_t> background_rows(const ShadeJob& job) {
+  const FloatMode mode;
+  const int n = job.samples, rows = job.height / n;
+  std::vector<uint8_t> colors(4 * (size_t)rows);
+  for (int row = 0; row < rows; ++row) {
+    float total[3] = {0.0f, 0.0f, 0.0f};
+    for (int i = 0; i < n * n; ++i) {
+      float one[3];
+      background_at(job.surface, row * n + i / n, job.height, job.channels, one);
+      for (int c = 0; c < 3; ++c) total[c] = total[c] + one[c];
+    }
+    store_mean(total, 0, n * n, job.channels, *job.srgb, colors.data() + 4 * row);
+  }
+  return colors;
+}
+
+namespace {
+
+// body(begin, end) for blocks of `step` elements out of `count`.
+template <class Body>
+void in_blocks(const Parallel& parallel, int64_t count, int64_t step, const Body& body) {
+  parallel((count + step - 1) / step, [&](int64_t i) { body(i * step, std::min(count, (i + 1) * step)); });
 }
 
 // A texture as its kernel takes it, and that kernel.
@@ -63,8 +93,9 @@ void lambert(const float* normals, const float* albedo, const float* ambient, co
 }
 
 void encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out, const Parallel& parallel) {
+  const SrgbTable& table = srgb_table(thresholds);
   in_blocks(parallel, count, 65536, [&](int64_t begin, int64_t end) {
-    current_kernels().attributes.encode_srgb(linear + begin, thresholds, end - begin, out + begin);
+    current_kernels().attributes.encode_srgb(linear + begin, table, end - begin, out + begin);
   });
 }
 

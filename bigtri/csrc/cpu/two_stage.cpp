@@ -108,7 +108,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 extern const Variant two_stage_variant;
 const Variant two_stage_variant = {
     "two_stage", "set-up into one list of (record, bin) pairs, then tiles with atomics: another project's", kParameters,
-    draw};
+    draw, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

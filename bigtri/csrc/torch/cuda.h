@@ -1,4 +1,4 @@
-// What the CUDA operators share: torch's current stream, and errors of a launch.
+// What the CUDA operators share: the device, torch's current stream, and errors of a launch.
 #pragma once
 
 #include <torch/csrc/inductor/aoti_torch/c/shim.h>
@@ -8,6 +8,13 @@
 #include "registry.h"
 
 namespace bigtri {
+
+// The device of the first CUDA tensor. The checks that follow reject tensors on any other.
+inline int device_of(std::initializer_list<const Tensor*> tensors) {
+  for (const Tensor* t : tensors)
+    if (t->defined() && t->is_cuda()) return t->get_device_index();
+  return kCpu;
+}
 
 inline cudaStream_t current_stream(int device) {
   void* stream = nullptr;

@@ -8,13 +8,6 @@
 namespace bigtri {
 namespace {
 
-// The device of the first CUDA tensor. The checks that follow reject tensors on any other.
-int device_of(std::initializer_list<const Tensor*> tensors) {
-  for (const Tensor* t : tensors)
-    if (t->defined() && t->is_cuda()) return t->get_device_index();
-  return kCpu;
-}
-
 // attributes is null for the operator `barycentrics`.
 void interpolate_pixels(const char* op, int device, const Tensor& packed, const Tensor& positions,
                         const Tensor& triangles, const Tensor* attributes, const std::string& precision,

@@ -116,6 +116,20 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
       "lambert(Tensor normals, Tensor albedo, Tensor ambient, Tensor light_directions, Tensor light_colors, "
       "Tensor(a!) out) -> ()");
   m.def("encode_srgb(Tensor linear, Tensor thresholds, Tensor(a!) out) -> ()");
+  m.def("transform(Tensor points, Tensor matrices, Tensor(a!) out) -> ()");
+  // Pictures: the shading pass over a visibility buffer, and from triangles. The surface is uvs to two_sided.
+  m.def(
+      "shade(Tensor packed, Tensor positions, Tensor triangles, Tensor? uvs, Tensor? colors, Tensor? normals, Tensor? "
+      "face_normals, Tensor material, Tensor looks, Tensor base_colors, Tensor[] textures, Tensor light_directions, "
+      "Tensor light_colors, Tensor constants, bool two_sided, Tensor thresholds, str precision, Tensor(a!) image, "
+      "Tensor(b!)? albedo, Tensor(c!)? normal_image, Tensor(d!)? linear) -> ()");
+  m.def(
+      "draw(Tensor positions, Tensor triangles, int height, int width, str cull, Tensor? uvs, Tensor? colors, Tensor? "
+      "normals, Tensor? face_normals, Tensor material, Tensor looks, Tensor base_colors, Tensor[] textures, Tensor "
+      "light_directions, Tensor light_colors, Tensor constants, bool two_sided, Tensor thresholds, str precision, "
+      "int[] parameters, Tensor(a!) image, Tensor(b!)? albedo, Tensor(c!)? normal_image, Tensor(d!)? linear, "
+      "Tensor(e!)? packed, "
+      "Tensor(f!)? depth, Tensor(g!) dropped) -> ()");
 }
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CPU, m) { m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_op)); }
