@@ -115,7 +115,8 @@ def test_no_triangles_and_no_vertices() -> None:
     picture = picture_of(44, (9, 200))
     s = picture.surface
     none = s._replace(face_normals=s.face_normals[:0], material=s.material[:0])
-    assert_right([picture._replace(triangles=picture.triangles[:0], surface=none)])
+    empty = picture._replace(triangles=picture.triangles[:0], surface=none)
+    assert_right([empty])
 
 
 def test_bad_indices_read_as_background() -> None:

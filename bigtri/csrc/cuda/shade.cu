@@ -107,7 +107,7 @@ __device__ __forceinline__ void fill_codes(const Tables& tables, Codes* out) {
     // The steps k between thresholds i - 1 and i: those with i thresholds <= k / kSrgbSteps.
     const float begin = i == 0 ? 0.0f : tables.thresholds[i - 1] * kSrgbSteps;
     const float end = i == 255 ? kSrgbSteps + 1.0f : tables.thresholds[i] * kSrgbSteps;
-    out->encode.thresholds[i] = i == 255 ? kInfinity : tables.thresholds[i];
+    out->encode.thresholds[i] = i == 255 ? kNotANumber : tables.thresholds[i];
     int k = (int)begin;
     for (k += (float)k < begin; k <= kSrgbSteps && (float)k < end; ++k) out->encode.start[k] = (uint8_t)i;
   }
