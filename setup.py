@@ -44,6 +44,7 @@ RUNGS, LADDER = (
     re.findall(r"\bX\((\w+)\)", re.search(rf"#define {name}\(X\)((?:.*\\\n)*.*)", PRECISION)[1])
     for name in ("BIGTRI_RUNGS", "BIGTRI_LADDER")
 )
+DRAWN_AS_EXACT = re.findall(r"struct (\w+) : drawn_as_exact", PRECISION)  # differ from the default in attributes alone
 
 
 def with_cuda() -> bool:
@@ -75,12 +76,14 @@ def written(path: Path, text: str) -> str:
 def per_rung(source: Path, rung: str, counting: bool = False) -> str:
     """A file that compiles ``source`` for a rung; core/precision.h says what that is, core/counters.h what counting is."""
     text = f"#define BIGTRI_RUNG {rung}\n" + "#define BIGTRI_COUNTING\n" * counting
+    if rung in DRAWN_AS_EXACT:
+        text += f"#define BIGTRI_DRAWN_BY {RUNGS[0]}{'_counting' * counting}\n"
     folder = Path("build/rungs") / (rung + "_counting" * counting)
     return written(folder / source.name, f'{text}#include "{source.relative_to(CSRC)}"\n')
 
 
 def with_ladder() -> bool:
-    """Whether to build the rungs of the ladder for the CPU."""
+    """Whether to build the rungs of the ladder too."""
     wanted = os.environ.get("BIGTRI_LADDER", "0")
     if wanted not in ("0", "1"):
         raise SystemExit(f"BIGTRI_LADDER must be 0 or 1, got {wanted!r}")
@@ -94,7 +97,10 @@ def variants_of(kind: str) -> dict[str, list[str]]:
 
 
 def cpu_sources() -> list[str]:
-    once = [CSRC / "cpu" / name for name in ("dispatch.cpp", "index_range.cpp", "rungs.cpp", "thread_pool.cpp", "transform.cpp")]
+    once = [
+        CSRC / "cpu" / name
+        for name in ("dispatch.cpp", "index_range.cpp", "rungs.cpp", "shade.cpp", "thread_pool.cpp", "transform.cpp")
+    ]
     default = [CSRC / "cpu/shading.cpp"]  # no rung differs in it
     isas = [f for f in sorted(CSRC.glob("cpu/isa_*.cpp")) if X86 or f.stem == "isa_baseline"]
     each = [f for f in sorted(CSRC.glob("cpu/*.cpp")) if f not in once + default and not f.stem.startswith("isa_")]
@@ -103,10 +109,14 @@ def cpu_sources() -> list[str]:
     elsewhere = {rung: {name for names in variants.values() for name in names} - {*variants[rung]} for rung in variants}
     files = [str(f) for f in [*once, *sorted(f for f in CSRC.glob("torch/*.cpp") if not f.name.startswith("cuda_"))]]
     files += [per_rung(f, RUNGS[0]) for f in default]
+    for rung in RUNGS + with_ladder() * LADDER:
+        if rung in DRAWN_AS_EXACT:
+            files += [per_rung(f, rung) for f in [*each, *isas] if f.stem in ("attributes", "kernels", "variants") or f in isas]
+        else:
+            files += [per_rung(f, rung) for f in [*each, *isas] if f.stem not in elsewhere[rung]]
     files += [
-        per_rung(f, rung) for rung in RUNGS + with_ladder() * LADDER for f in [*each, *isas] if f.stem not in elsewhere[rung]
+        per_rung(f, rung, counting=True) for rung in RUNGS for f in counted if rung not in DRAWN_AS_EXACT or f.stem == "variants"
     ]
-    files += [per_rung(f, rung, counting=True) for rung in RUNGS for f in counted]
     return files
 
 
@@ -115,14 +125,15 @@ def cuda_sources() -> list[str]:
     files = sorted(CSRC.glob("cuda/*.cu"))
     each = [f for f in files if "BIGTRI_NAMESPACE" in f.read_text()]  # depends on the rung
     found = [str(f) for f in [*(f for f in files if f not in each), *sorted(CSRC.glob("torch/cuda_*.cpp"))]]
-    for rung in RUNGS:
+    for rung in RUNGS + with_ladder() * LADDER:
         elsewhere = {name for names in variants.values() for name in names} - {*variants[rung]}
         found += [per_rung(f, rung) for f in each if f.stem not in elsewhere]
     return found
 
 
 def extensions() -> list[CppExtension]:
-    flags = [*FLAGS, f"-DTORCH_TARGET_VERSION={TARGET_TORCH}", *["-DBIGTRI_WITH_LADDER"] * with_ladder()]
+    ladder = ["-DBIGTRI_WITH_LADDER"] * with_ladder()
+    flags = [*FLAGS, f"-DTORCH_TARGET_VERSION={TARGET_TORCH}", *ladder]
     link = []
     if sanitize := os.environ.get("BIGTRI_SANITIZE"):  # e.g. address,undefined; CONTRIBUTING.md says how to run it
         # Python's own flags have -fwrapv, under which no signed overflow is undefined, so that none would be reported.
@@ -135,7 +146,8 @@ def extensions() -> list[CppExtension]:
         if not torch.cuda.is_available():
             os.environ.setdefault("TORCH_CUDA_ARCH_LIST", known_architectures())
         flags += ["-DUSE_CUDA"]  # torch's stable header then declares its CUDA functions
-        found += [CUDAExtension("bigtri._cuda", cuda_sources(), extra_compile_args={"cxx": flags, "nvcc": CUDA_FLAGS}, **common)]
+        each = {"cxx": flags, "nvcc": CUDA_FLAGS + ladder}
+        found += [CUDAExtension("bigtri._cuda", cuda_sources(), extra_compile_args=each, **common)]
     return found
 
 

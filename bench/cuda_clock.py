@@ -27,7 +27,7 @@ import torch
 
 from bigtri.app import arguments as option_types
 from bigtri.study import provenance
-from bigtri.study.clock import summary
+from bigtri.study.clock import captured, summary
 
 METHODS = ("graph", "graph20", "eager", "cold")
 IN_A_ROW = 20  # frames in the graph of `graph20`
@@ -111,17 +111,7 @@ class CudaClock:
 
     def capture(self, call: Call, frames: int) -> torch.cuda.CUDAGraph:
         """A graph of `frames` calls."""
-        stream = torch.cuda.Stream()
-        stream.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(stream):
-            call()
-        torch.cuda.current_stream().wait_stream(stream)
-        torch.cuda.synchronize()
-        graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(graph, stream=stream):
-            for _ in range(frames):
-                call()
-        return graph
+        return captured(call, frames)
 
     def evict(self) -> None:
         if self.buffer is None:

@@ -24,6 +24,7 @@ _HOMES = {
     "decode_srgb": ".ops.shading",
     "encode_srgb": ".ops.shading",
     "from_trimesh": ".scene.load",
+    "instance_ids": ".scene.instances",
     "interpolate": ".ops.interpolate",
     "lambert": ".ops.shading",
     "load_scene": ".scene.load",
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from .rendering import views
     from .rendering.render import render
     from .scene.camera import Camera
+    from .scene.instances import instance_ids
     from .scene.load import from_trimesh, load_scene
     from .scene.readers.model import ModelWarning
     from .scene.scene import Light, Material, Scene, merge
@@ -64,6 +66,7 @@ __all__ = [
     "decode_srgb",
     "encode_srgb",
     "from_trimesh",
+    "instance_ids",
     "interpolate",
     "lambert",
     "load_scene",

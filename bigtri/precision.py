@@ -15,6 +15,7 @@ COVERAGES = {
     "fixed12": "the same, on a grid of 1/4096 px, in int64 at each pixel",
     "fixed16": "the same, on a grid of 1/65536 px, in int64 at each pixel, and with a guard band of 2^14 px",
     "fixed8_int64": "as fixed8, in int64 at each pixel",
+    "fixed8_int32": "as fixed8, in int32 alone, which wraps around where a triangle is larger than some 118 px",
     "float32": "edge functions in float32, of vertices on a grid of 1/256 px, and the top-left rule",
     "float32_fused": "the same, with one product that is not rounded, as compilers contract it",
     "float32_canonical": "as float32, each edge computed in one direction for both of its triangles",
@@ -47,6 +48,7 @@ ATTRIBUTES = {
     "float32": "the same in float32",
     "reciprocal": "the same in float32, by products with reciprocals: an integer start and two Newton steps",
     "affine": "linear on the screen, without perspective",
+    "unsnapped": "perspective in float64 of the triangle as it was given, from vertices that are not snapped",
 }
 _AXES = {"coverage": COVERAGES, "depth": DEPTHS, "mask": MASKS, "clip": CLIPS, "attributes": ATTRIBUTES}
 
@@ -131,29 +133,49 @@ class Arithmetic:
         return self.precision.coverage in _UNSNAPPED
 
     @property
+    def wraps(self) -> bool:
+        """Whether edge values are computed in int32, and wrap around where they do not fit."""
+        return self.precision.coverage == "fixed8_int32"
+
+    @property
+    def has_stages(self) -> bool:
+        """Whether the extension has the stages one by one.
+
+        Not where coverage needs vertices that are not snapped, or where a row's covered pixels may lie apart.
+        """
+        return not (self.is_unsnapped or self.wraps)
+
+    @property
     def reversed(self) -> bool:
         """Whether clip depth runs from w at the near plane to 0 at the far one."""
         return self.precision.depth == "reversed"
 
 
-# The ladder, the default first: one step down at a time, on one axis.
-_LADDER = {
+# Mixes by what they are for, the default first. None gives up coverage: whatever the preset, a shared edge is drawn once.
+_PRESETS = {
     "exact": Precision(),
+    "balanced": Precision(attributes="float32"),
+    "fast": Precision(depth="float32_cell", attributes="float32"),
+}
+# The ladder: one step down at a time, on one axis. ``balanced`` is such a step too, under the name by which every build has it.
+_LADDER = {
     "subpixel4": Precision(coverage="fixed4"),
     "subpixel12": Precision(coverage="fixed12"),
     "subpixel16": Precision(coverage="fixed16"),
     "coverage_int64": Precision(coverage="fixed8_int64"),
+    "coverage_int32": Precision(coverage="fixed8_int32"),
     **{f"coverage_{coverage}": Precision(coverage=coverage) for coverage in COVERAGES if coverage.startswith("float32")},
     **{f"depth_{depth}": Precision(depth=depth) for depth in DEPTHS if depth != "float64_cell"},
     **{f"mask_{mask}": Precision(mask=mask) for mask in MASKS if mask != "corners"},
     **{f"clip_{clip}": Precision(clip=clip) for clip in CLIPS if clip != "exact"},
     **{f"attributes_{rule}": Precision(attributes=rule) for rule in ATTRIBUTES if rule != "float64"},
 }
-RUNGS = {name: Arithmetic(name, precision) for name, precision in _LADDER.items()}
+RUNGS = {name: Arithmetic(name, precision) for name, precision in {**_PRESETS, **_LADDER}.items()}
 PRECISIONS = tuple(RUNGS)
+PRESETS = tuple(_PRESETS)
 DEFAULT = PRECISIONS[0]
 EXACT = RUNGS[DEFAULT]
-_NAMED = {rung.precision: rung for rung in RUNGS.values()}
+_NAMED = {rung.precision: rung for rung in reversed(RUNGS.values())}  # the first one of two names
 
 
 def arithmetic_of(precision: Precision) -> Arithmetic:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..precision import DEFAULT, PRECISIONS
+from ..precision import DEFAULT, PRECISIONS, PRESETS
 from ..study import scenes
 from . import arguments
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _QUICK = ("ties", "needles", "fight", "floor", "R4k", "S2")
 _QUICK_RUNGS = (
-    "exact,subpixel4,coverage_float32_fused,coverage_float32_inclusive,depth_float32_cell,depth_float32_vertex,"
+    "exact,balanced,fast,subpixel4,coverage_float32_fused,coverage_float32_inclusive,depth_float32_cell,depth_float32_vertex,"
     "depth_stored16,mask_none,clip_none,attributes_float32,attributes_affine"
 )
 
@@ -30,6 +30,7 @@ def parser(program: str = "bigtri accuracy") -> argparse.ArgumentParser:
         f"  {program} --quick\n"
         f"  {program} --csv accuracy.csv --plots plots\n"
         f"  {program} --scenes ties,R16k,Rcourtyard --size 1080p,4k --precision subpixel4,coverage_float32\n"
+        f"  {program} --variant bin_owned --precision {','.join(PRESETS)}\n"
         f"  {program} --model scan.ply --scenes ties\n"
         f"  {program} --breaks pictures",
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -39,7 +40,10 @@ def parser(program: str = "bigtri accuracy") -> argparse.ArgumentParser:
     result.add_argument(
         "--size", type=arguments.listed(arguments.size), default="1280x720", help="of scenes and models (default %(default)s)"
     )
-    result.add_argument("--precision", help="rungs separated by commas, or all (default: all that are compiled)")
+    result.add_argument(
+        "--precision",
+        help=f"rungs separated by commas, presets ({', '.join(PRESETS)}) among them, or all (default: all that are compiled)",
+    )
     result.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where to draw (default %(default)s)")
     result.add_argument("--variant", default="two_stage", help="the schedule of all rungs (default %(default)s, which all have)")
     result.add_argument("--threads", type=arguments.count, default=1, help="of the CPU (default %(default)s)")
@@ -49,6 +53,9 @@ def parser(program: str = "bigtri accuracy") -> argparse.ArgumentParser:
     result.add_argument("--csv", type=arguments.csv_file, metavar="FILE", help="also write the rows there")
     result.add_argument("--plots", type=Path, metavar="FOLDER", help="also draw plots there; needs matplotlib")
     result.add_argument("--breaks", type=Path, metavar="FOLDER", help="draw where each rung breaks, beside exact; no table")
+    result.add_argument(
+        "--times", action="store_true", help="times alone: the errors are those of any other device, as the bits are the same"
+    )
     result.add_argument("--quick", action="store_true", help="few scenes, rungs and samples: half a minute on 2 cores")
     return result
 
@@ -65,11 +72,17 @@ def table_line(row: Row) -> str:
 
     spread = f"{row.ratio_p25:.3f}-{row.ratio_p75:.3f}"
     return (
-        f"{row.precision:26} {row.ms_median:8.3f} {row.ratio:8.3f} {spread:>13} {shown(row.wrong_ppm, 10, 4)} "
+        f"{row.precision:26} {row.ms_median:8.4f} {row.ratio:8.3f} {spread:>13} {shown(row.wrong_ppm, 10, 4)} "
         f"{shown(row.flips_ppm, 8)} {shown(row.cracks_ppm, 7)} {shown(row.overlaps_ppm, 8)} {shown(row.depth_ulp_median, 9, 2)} "
         f"{shown(row.depth_ulp_p99, 8, 2)} {shown(row.depth_ulp_max, 8, 2)} {shown(row.texels_p99, 11, 2)} "
         f"{shown(row.texels_max, 9, 2)} {shown(row.psnr, 6)} {shown(row.ssim, 6)}"
     )
+
+
+def _compared(row: Row) -> str:
+    if row.sample_px is None:
+        return "times alone"
+    return f"{row.sample_px} px compared, depth and weights at {row.depth_px}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -115,18 +128,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         effort = effort._replace(seconds=options.seconds)
     cases = _cases(command, options)
 
-    print(f"{provenance.device()}; {provenance.versions()}; {provenance.commit()}", flush=True)
+    print(f"{provenance.device(options.device)}; {provenance.versions()}; {provenance.commit()}", flush=True)
     rows: list[Row] = []
     for case in cases:
         if sys.stderr.isatty():
             print(f"{case.name} {case.width}x{case.height} ...", end="\r", file=sys.stderr, flush=True)
-        found = accuracy.study(case, rungs, setting, effort, options.seed)
+        found = accuracy.study(case, rungs, setting, effort, options.seed, with_errors=not options.times)
         rows += found
         first = found[0]
         print(
             f"\n{case.name}, {first.triangles} triangles, {case.width}x{case.height} px, {first.variant}, "
-            f"{first.threads} threads, {first.isa or options.device}; "
-            f"{first.sample_px} px compared, depth and weights at {first.depth_px}\n{HEADER}"
+            f"{first.threads} threads, {first.isa or options.device}; {_compared(first)}\n{HEADER}"
         )
         for row in found:
             print(table_line(row), flush=True)
@@ -147,7 +159,7 @@ def _rungs(command: argparse.ArgumentParser, options: argparse.Namespace, wanted
     if options.precision in (None, "all"):
         names = _QUICK_RUNGS.split(",") if options.quick and options.precision is None else wanted
         if missing := [rung for rung in names if rung not in there]:
-            how = "BIGTRI_LADDER=1 builds them for the CPU, see docs/accuracy.md"
+            how = "BIGTRI_LADDER=1 builds them, see docs/accuracy.md"
             print(f"not measured, as the extension is built here: {', '.join(missing)}; {how}", file=sys.stderr)
         return [rung for rung in names if rung in there]
     if missing := [rung for rung in wanted if rung not in there]:

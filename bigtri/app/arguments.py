@@ -42,6 +42,23 @@ def size(text: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}") from None
 
 
+def color(text: str) -> tuple[int, int, int]:
+    """An argparse type: sRGB codes from "255,128,0", "#ff8000", "#f80" or a name of CSS."""
+    if len(parts := text.split(",")) == 3:
+        red, green, blue = (whole(0, 255)(part.strip()) for part in parts)
+        return red, green, blue
+    from PIL import ImageColor  # for which --help need not wait
+
+    try:
+        codes: tuple[int, ...] = ImageColor.getrgb(text)
+    except ValueError:
+        codes = ()
+    if len(codes) != 3:  # unknown, or with an alpha
+        wanted = "a name such as white, red,green,blue from 0 to 255, or #rrggbb (in quotes)"
+        raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}")
+    return codes[0], codes[1], codes[2]
+
+
 def seconds(text: str) -> float:
     """An argparse type: a time in seconds."""
     try:

@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..choices import CULLS, VIEWS
-from . import arguments
+from . import arguments, render_options
 
 # Exit codes: 0 done; 1 it cannot be done here, or hard-cases found bigtri wrong; 2 the command line or a file is wrong, which is
 # argparse's own code for that.
@@ -30,15 +28,6 @@ examples:
   bigtri info model.glb
   bigtri info
 """
-
-_RENDER_EXAMPLES = """\
-examples:
-  bigtri render duck.glb -o duck.png
-  bigtri render duck.glb -o duck.png --size 1920x1080 --azimuth 120 --elevation 10 --supersample 3
-  bigtri render duck.glb -o duck.png --view all       writes duck-shaded.png, duck-normals.png, ...
-  bigtri render scan.ply -o scan.png --up z --view bins
-"""
-
 
 _HARD_CASES_EXAMPLES = """\
 examples:
@@ -95,11 +84,19 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"bigtri {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_render(commands.add_parser("render", help="a picture of a 3D model", epilog=_RENDER_EXAMPLES, formatter_class=raw))
+    about = "pictures of a 3D model, and how far away everything is"
+    render = commands.add_parser("render", help=about, epilog=render_options.EXAMPLES, formatter_class=raw)
+    render_options.add_arguments(render)
+    render.set_defaults(run=_render)
     about = "what a model file holds and what of it is drawn; without one, versions, processor and build, for a bug report"
     info = commands.add_parser("info", help=about, description=about)
     info.add_argument("model", type=Path, nargs="?", help="a GLB, glTF, OBJ, PLY, STL or OFF file")
     info.set_defaults(run=_info)
+    about = "which effects a model calls for, why, and what each of them costs"
+    explain = commands.add_parser("explain", help=about, description=about)
+    explain.add_argument("model", type=Path, help="a GLB, glTF, OBJ, PLY, STL or OFF file")
+    explain.add_argument("--size", type=arguments.size, default=(1280, 720), metavar="WxH", help="pixels (default: 1280x720)")
+    explain.set_defaults(run=_explain)
     commands.add_parser("bench", help="measure how fast rasterize is on this machine; see bigtri bench --help")
     about = "what each rung of accuracy gets wrong, and its time, on this machine; see bigtri accuracy --help"
     commands.add_parser("accuracy", help=about)
@@ -123,59 +120,12 @@ def _add_hard_cases(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_hard_cases)
 
 
-def _add_render(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Draw a GLB, glTF, OBJ, PLY, STL or OFF file, seen from around it."
-    parser.add_argument("model", type=Path, help="the file to draw")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="the picture to write: .png, .jpg, .tif or .bmp")
-    parser.add_argument("--strict", action="store_true", help="draw nothing if the file has what the picture would not show")
-    parser.add_argument("--size", type=arguments.size, default=(1280, 960), metavar="WxH", help="pixels (default: 1280x960)")
-    parser.add_argument("--view", choices=(*VIEWS, "all"), default="shaded", help="what to show (default: %(default)s)")
-    camera = parser.add_argument_group("camera")
-    camera.add_argument("--azimuth", type=float, default=30.0, help="degrees around the up axis (default: %(default)g)")
-    camera.add_argument("--elevation", type=float, default=20.0, help="degrees above the horizon (default: %(default)g)")
-    camera.add_argument("--distance", type=float, default=1.0, help="1 fits the model, 2 is twice as far (default: %(default)g)")
-    camera.add_argument("--fov", type=float, default=40.0, help="vertical field of view, degrees (default: %(default)g)")
-    camera.add_argument("--up", choices=("y", "z"), default="y", help="the model's up axis (default: %(default)s)")
-    quality = parser.add_argument_group("quality")
-    quality.add_argument(
-        "--supersample",
-        type=arguments.whole(1),
-        default=2,
-        metavar="N",
-        help="NxN samples a pixel, shaded view only (default: 2)",
-    )
-    quality.add_argument("--cull", choices=CULLS, default="none", help="faces not to draw (default: none)")
-    arguments.add_execution(parser)
-    parser.set_defaults(run=_render)
-
-
 def _render(options: argparse.Namespace) -> int:
     _set_threads(options.threads)
-    from ..reference.numerics import MAX_SIZE
-    from ..rendering import figure
-    from ..rendering.views import picture
-    from ..scene import load_scene
-    from ..scene.camera import Camera
+    from . import pictures
 
-    _check_picture_path(options.out)
-    started = time.perf_counter()
-    width, height = options.size
-    most = MAX_SIZE // max(width, height)
-    if options.view in ("shaded", "all") and options.supersample > most:
-        raise ValueError(f"--supersample must be at most {most} at {width}x{height} px, got {options.supersample}")
-    _say(f"reading {options.model}")
-    scene = load_scene(options.model, strict=options.strict).with_(cull=options.cull)
-    _say(f"{len(scene.triangles)} triangles, {len(scene.used_materials)} materials")
-    camera = Camera.framing(
-        scene.bounds, options.azimuth, options.elevation, options.distance, width / height, options.fov, options.up
-    )
-    views = VIEWS if options.view == "all" else (options.view,)
-    for view in views:
-        path = options.out.with_stem(f"{options.out.stem}-{view}") if options.view == "all" else options.out
-        _say(f"drawing {view}")
-        drawn = picture(view, scene, camera, (height, width), backend=options.backend, supersample=options.supersample)
-        print(figure.save(path, drawn))
-    _say(f"done in {time.perf_counter() - started:.1f} s")
+    for path in pictures.run(options, _say):
+        print(path)
     return 0
 
 
@@ -189,6 +139,17 @@ def _info(options: argparse.Namespace) -> int:
         from . import info
 
         print(info.describe())
+    return 0
+
+
+def _explain(options: argparse.Namespace) -> int:
+    from ..scene import load_scene
+    from ..scene.camera import Camera
+
+    _say(f"reading {options.model}")
+    scene = load_scene(options.model)
+    width, height = options.size
+    print(scene.plan(Camera.framing(scene.bounds, aspect=width / height), (height, width)))
     return 0
 
 
@@ -217,17 +178,6 @@ def _hard_cases(options: argparse.Namespace) -> int:
     wrong = report.failures(rows)
     _say("bigtri: nothing wrong" if not wrong else f"bigtri: {wrong} WRONG: please report this")
     return _FAILED if wrong else 0
-
-
-def _check_picture_path(path: Path) -> None:
-    """Complain before the work is done, not after."""
-    kinds = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
-    if path.suffix.lower() not in kinds:
-        raise ValueError(f"--out must end in {', '.join(kinds)}, got {path.name!r}")
-    if not path.parent.is_dir():
-        raise ValueError(f"--out must be in a folder that is there, got {path.parent}: make it first")
-    if path.is_dir():
-        raise ValueError(f"--out must be a file, got the folder {path}")
 
 
 def _set_threads(threads: int | None) -> None:

@@ -128,7 +128,7 @@ def _stage_timings(scene: Scene, positions: NDArray[np.float32], resolution: tup
 
 
 def _render_timings(seconds: dict[str, float]) -> Timings:
-    notes = {"attributes": "texture coordinates, normals, colours", "texture": "", "shading": "normals, lights, background, sRGB"}
+    notes = {"transform": "vertices to clip space", "draw": "the whole picture: rasterized, and each pixel finished, in one pass"}
     return [(name, seconds[name], note) for name, note in notes.items()]
 
 

@@ -175,10 +175,10 @@ def _arithmetic(op: str, precision: str | Precision, backend: str) -> Arithmetic
     arithmetic = arguments.check_precision(op, precision)
     if backend == "native":
         arguments.check_compiled(op, arithmetic, "cpu")
-        if arithmetic.is_unsnapped:
+        if not arithmetic.has_stages:
             raise ValueError(
-                f"bigtri.{op}: backend must be 'reference' with precision {arithmetic.name!r}, whose records hold more than the "
-                f"extension's stages hand on, got {backend!r}"
+                f"bigtri.{op}: backend must be 'reference' with precision {arithmetic.name!r}, whose records or spans are more "
+                f"than the extension's stages hand on, got {backend!r}"
             )
     return arithmetic
 

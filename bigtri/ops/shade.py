@@ -1,10 +1,9 @@
-"""Pictures: of a visibility buffer, or straight from triangles; the arithmetic is docs/numerics.md section 16."""
+"""Pictures: of a visibility buffer, or straight from triangles; the arithmetic is docs/numerics.md section 18."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 
 from .. import torch_private
@@ -102,14 +101,20 @@ def draw(
         dropped = positions.new_empty(len(positions), dtype=torch.int64)
         thresholds = torch_private.beside(THRESHOLDS, positions)
         torch.ops.bigtri.draw.default(
-            *(positions, triangles, height, width, cull, *surface, thresholds, arithmetic.name),
+            *(positions, triangles, height, width, cull, *surface, thresholds, arithmetic.name, []),
             *(image, made.albedo, made.normals, made.linear, packed, depth, dropped),
         )
         return dropped
     drawn = rasterize(
-        *(positions, triangles, (height, width)),
-        **{"backend": backend, "precision": arithmetic.precision, "cull": cull},
-        **{"depth": depth is not None, "out": packed, "depth_out": depth},
+        positions,
+        triangles,
+        (height, width),
+        backend=backend,
+        precision=arithmetic.precision,
+        cull=cull,
+        depth=depth is not None,
+        out=packed,
+        depth_out=depth,
     )
     shade(_tensor(drawn.packed), positions, triangles, surface, image, made, arithmetic, backend)
     return _tensor(drawn.dropped)

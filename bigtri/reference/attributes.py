@@ -84,9 +84,13 @@ def _covered(
     flat = record_index.reshape(-1)
     pixel = np.flatnonzero(flat >= 0)
     index = flat[pixel]
-    weight = _slot_weights(records, index, pixel % packed.shape[1], pixel // packed.shape[1], arithmetic)
     corner = records.corner[index]
     vertex = np.take_along_axis(triangles[records.triangle[index]], corner, axis=1)
+    y, x = np.divmod(pixel, packed.shape[1])
+    if arithmetic.precision.attributes == "unsnapped":
+        weight = _unsnapped_weights(positions[vertex].astype(np.float64), x, y, *packed.shape)
+    else:
+        weight = _slot_weights(records, index, x, y, arithmetic)
     return _Covered(pixel, vertex, corner, weight)
 
 
@@ -114,6 +118,22 @@ def _slot_weights(
     total = (slot[0] + slot[1]) + slot[2]
     weight = [np.where(constant_w, screen[m], over(slot[m], total)) for m in range(3)]
     return np.stack(weight, axis=1).astype(np.float32)
+
+
+def _unsnapped_weights(
+    corners: NDArray[np.float64], x: NDArray[np.int64], y: NDArray[np.int64], height: int, width: int
+) -> NDArray[np.float32]:
+    """float32 [P, 3]: the weights of ``corners`` [P, 3, 4], clip space, at the centre of pixel (x[p], y[p])."""
+    right, up = (2 * x + 1 - width) / width, (height - 2 * y - 1) / height  # normalized device coordinates
+    # Seen from there: a point (x, y, w) of the triangle is that pixel's if both of these are 0.
+    a, b = (corners[:, :, axis] - at[:, None] * corners[:, :, 3] for axis, at in ((0, right), (1, up)))
+    u = [a[:, k] * b[:, m] - a[:, m] * b[:, k] for k, m in ((1, 2), (2, 0), (0, 1))]
+    turn = (u[0] + u[1]) + u[2]
+    # A pixel that only the snapped triangle covers gets the weights of a point on the border.
+    v = [np.maximum(np.where(turn < 0, -one, one), 0) for one in u]
+    total = (v[0] + v[1]) + v[2]
+    seen = total != 0  # 0: all vertices are seen at the pixel's centre
+    return np.stack([np.where(seen, one / np.where(seen, total, 1), 0) for one in v], axis=1).astype(np.float32)
 
 
 def _weighted(values: list[NDArray[np.floating]], by: NDArray[np.floating]) -> NDArray[np.floating]:

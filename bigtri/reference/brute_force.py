@@ -325,16 +325,27 @@ def covers(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> 
     The top-left rule says: move the sample to the right by an infinitesimal step, and down by a still smaller one; then it lies
     on no edge. The sign of an edge function there is that of the first of (value, x derivative, y derivative) that is not 0.
 
-    Where the rung's coverage is in float32, decided by its edge functions.
+    Where the rung's coverage is in float32, or wraps around, decided by its edge functions.
     """
     if arithmetic.has_float_coverage:
         return all(_covers_in_float32(record, k, px, py, arithmetic) for k in range(3))
+    if arithmetic.wraps:
+        return all(_covers_in_int32(record, k, px, py, arithmetic) for k in range(3))
     sample = _centre(px, py, arithmetic)
     for k in range(3):
         p, q = record.xy[(k + 1) % 3], record.xy[(k + 2) % 3]
         if (_determinant(p, q, sample), p[1] - q[1], q[0] - p[0]) < (0, 0, 0):
             return False
     return True
+
+
+def _covers_in_int32(record: Record, k: int, px: int, py: int, arithmetic: Arithmetic) -> bool:
+    (ax, ay), (bx, by) = record.xy[(k + 1) % 3], record.xy[(k + 2) % 3]
+    bias = 0 if (ay - by, bx - ax) > (0, 0) else -1
+    left, top = px - px % 64, py - py % 64
+    value = _determinant((ax, ay), (bx, by), _centre(left, top, arithmetic)) + bias
+    wrapped = (value + 2**31) % 2**32 - 2**31
+    return wrapped // arithmetic.subpixel + (bx - ax) * (py - top) - (by - ay) * (px - left) >= 0
 
 
 def _covers_in_float32(record: Record, k: int, px: int, py: int, arithmetic: Arithmetic) -> bool:
@@ -363,7 +374,7 @@ def _covers_in_float32(record: Record, k: int, px: int, py: int, arithmetic: Ari
 def coverage(record: Record, height: int, width: int, arithmetic: Arithmetic = EXACT) -> NDArray[np.bool_]:
     """bool [H, W]: ``covers`` at every pixel of the bbox, all at once in int64 (62 bits and a sign); False elsewhere."""
     x0, y0, x1, y1 = record.bbox
-    if arithmetic.has_float_coverage:
+    if arithmetic.has_float_coverage or arithmetic.wraps:
         one_by_one = np.zeros((height, width), np.bool_)
         for y, x in np.ndindex(y1 - y0, x1 - x0):
             one_by_one[y0 + y, x0 + x] = covers(record, x0 + x, y0 + y, arithmetic)
@@ -485,9 +496,16 @@ def _float_of(bits: int) -> float:
 
 
 @default_float_mode
-def weights(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> Vector:
-    """The float32 weights of the record's slots that docs/numerics.md sections 9 and 17 give pixel (px, py)."""
+def weights(
+    record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT, corners: Sequence[Vector] = (), shape: Point = (0, 0)
+) -> Vector:
+    """The float32 weights of the record's slots that docs/numerics.md sections 9 and 17 give pixel (px, py).
+
+    Where vertices are not snapped, those of the parent's ``corners`` [3] of (x, y, z, w), in an image of ``shape`` (H, W).
+    """
     rule = arithmetic.precision.attributes
+    if rule == "unsnapped":
+        return _unsnapped_weights([corners[c] for c in record.corner], px, py, *shape)
     in_float32 = rule in ("float32", "reciprocal")
     rounded = _round32 if in_float32 else float
     whole = _int_to_float32 if in_float32 else float
@@ -516,6 +534,16 @@ def weights(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) ->
         return tuple(_round32(b) for b in u)
     total = summed(u)
     return tuple(_round32(over(one, total)) for one in u)
+
+
+def _unsnapped_weights(corners: Sequence[Vector], px: int, py: int, height: int, width: int) -> Vector:
+    nx, ny = (2 * px + 1 - width) / width, (height - 2 * py - 1) / height
+    (a0, b0), (a1, b1), (a2, b2) = ((x - nx * w, y - ny * w) for x, y, _, w in corners)
+    u = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+    turned = (u[0] + u[1]) + u[2] < 0
+    v = [max(-one if turned else one, 0.0) for one in u]
+    total = (v[0] + v[1]) + v[2]
+    return tuple(_round32(one / total) if total else 0.0 for one in v)
 
 
 def _newton(reciprocal: float, of: float) -> float:

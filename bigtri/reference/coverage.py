@@ -1,8 +1,9 @@
 """Coverage: on which side of an edge a pixel's centre lies, by the rung's rule; docs/numerics.md sections 3 and 14.
 
-By every rule the value of an edge function is monotone along a row and along a column, rounded or not. So the highest value over
-a rectangle of centres is that at one of its corners, as computed, and so is the lowest: what a corner tells of a bin or of a
-tile holds for all of its pixels, and a row has its covered pixels side by side.
+By every rule the value of an edge function is monotone along a row and along a column, rounded or not; where it wraps around,
+within a 64x64 px cell. So the highest value over a rectangle of centres is that at one of its corners, as computed, and so is the
+lowest: what a corner tells of a bin or of a tile holds for all of its pixels, and a row of a cell has its covered pixels side by
+side.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import Arithmetic
-from .numerics import Edges, edge_values_of_each, edges_of, stepped_values
+from .numerics import Edges, edges_of, stepped_values, stepped_values_of_each
 from .records import Records
 
 Pixels = NDArray[np.int64]
@@ -105,7 +106,7 @@ def _middle_and_reach(sides: Sides, left: Pixels, top: Pixels, size: int) -> tup
 
 def _inside(sides: Sides, px: Pixels, py: Pixels) -> NDArray[np.bool_]:
     if sides.lines is None:
-        return edge_values_of_each(sides.edges, px, py, sides.arithmetic) + sides.edges.bias >= 0
+        return stepped_values_of_each(sides.edges, px, py, sides.arithmetic) >= 0
     values = _float_values(sides.lines, px, py, fused=sides.arithmetic.precision.coverage == "float32_fused")
     rule = sides.arithmetic.precision.coverage
     if rule == "float32_inclusive":

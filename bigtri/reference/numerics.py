@@ -67,7 +67,22 @@ def stepped_values(
     s is the number of subpx in a px. A step of one pixel changes e by a multiple of s, hence f by exactly -dy in x and +dx
     in y.
     """
-    return (edge_values(edges, px, py, arithmetic) + edges.bias) >> arithmetic.subpixel_bits
+    return stepped_values_of_each(edges, np.asarray(px, np.int64)[..., None], np.asarray(py, np.int64)[..., None], arithmetic)
+
+
+def stepped_values_of_each(
+    edges: Edges, px: NDArray[np.int64], py: NDArray[np.int64], arithmetic: Arithmetic = EXACT
+) -> NDArray[np.int64]:
+    """The same, at the centre of a pixel (px, py) [..., 3] for each edge.
+
+    Where values wrap around, they are computed at the first centre of the pixel's 64x64 px cell alone, in int32. f there has 24
+    bits, and the steps within the cell leave it in int32, so nothing else wraps: in a cell f is linear, right or wrong.
+    """
+    if not arithmetic.wraps:
+        return (edge_values_of_each(edges, px, py, arithmetic) + edges.bias) >> arithmetic.subpixel_bits
+    left, top = px - px % BIN, py - py % BIN
+    value = (edge_values_of_each(edges, left, top, arithmetic) + edges.bias).astype(np.int32)  # the lower 32 bits
+    return (value >> arithmetic.subpixel_bits) + (edges.dx * (py - top) - edges.dy * (px - left))
 
 
 def ramp(counts: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -43,7 +43,8 @@ def _queue_spans(
     """int64 [S, 4]: a span of each row of a bin, cut up into tiles."""
     record, column, row = queue.astype(np.int64).T  # [Q]
     y = BIN * row[:, None] + np.arange(BIN)  # [Q, 64]
-    lower, upper = _row_spans(records, np.repeat(record, BIN), y.reshape(-1), arithmetic)  # [Q * 64]
+    cells = np.repeat(column, BIN) if arithmetic.wraps else None
+    lower, upper = _row_spans(records, np.repeat(record, BIN), y.reshape(-1), cells, arithmetic)  # [Q * 64]
 
     shape = (len(queue), TILES, TILES, TILE)  # entry, tile row, tile column, row in the tile: the order of the output
     by_row = (len(queue), TILES, 1, TILE)
@@ -57,20 +58,35 @@ def _queue_spans(
 
 
 def _small_spans(records: Records, small: NDArray[np.int32], arithmetic: Arithmetic) -> NDArray[np.int64]:
-    """int64 [S, 4]: a span per row of each record's bbox."""
+    """int64 [S, 4]: a span per row of each record's bbox, and per cell where values wrap around."""
     y0, y1 = records.bbox[small, 1].astype(np.int64), records.bbox[small, 3].astype(np.int64)
     record = np.repeat(small, y1 - y0).astype(np.int64)
     y = np.repeat(y0, y1 - y0) + ramp(y1 - y0)
-    lower, upper = _row_spans(records, record, y, arithmetic)
+    cells = None
+    if arithmetic.wraps:  # a span in each cell of the row
+        first, last = records.bbox[record, 0] // BIN, (records.bbox[record, 2] - 1) // BIN
+        count = (last - first + 1).astype(np.int64)
+        record, y = np.repeat(record, count), np.repeat(y, count)
+        cells = np.repeat(first, count) + ramp(count)
+    lower, upper = _row_spans(records, record, y, cells, arithmetic)
     covered = lower < upper
     return np.stack([record[covered], y[covered], lower[covered], upper[covered]], axis=1)
 
 
 def _row_spans(
-    records: Records, record: NDArray[np.int64], y: NDArray[np.int64], arithmetic: Arithmetic
+    records: Records,
+    record: NDArray[np.int64],
+    y: NDArray[np.int64],
+    cells: NDArray[np.int64] | None,
+    arithmetic: Arithmetic,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """[lower, upper) int64 [R], px: record[i]'s covered pixels on row y[i], in its bbox; lower >= upper where there are none."""
+    """[lower, upper) int64 [R], px: record[i]'s covered pixels on row y[i], in its bbox; lower >= upper where there are none.
+
+    With ``cells`` [R], only those in this column of 64x64 px cells.
+    """
     left, top, right, bottom = records.bbox[record].astype(np.int64).T[..., None]  # [R, 1] each
+    if cells is not None:
+        left, right = np.maximum(left, BIN * cells[:, None]), np.minimum(right, BIN * (cells[:, None] + 1))
     cut = _bisected if arithmetic.has_float_coverage else _divided
     lower, upper = cut(records, record, y, left, right, arithmetic)
     missed = (y < top[:, 0]) | (y >= bottom[:, 0])
@@ -88,16 +104,16 @@ def _divided(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """[lower, upper) [R] of rows y, by division, within the columns [left, right) [R, 1].
 
-    A pixel x is covered where f - dy * x >= 0 for all three edges, f being the value at pixel 0 of the row. Hence
-    dy < 0: x >= -f / |dy|, so x >= ceil(-f / |dy|) = -floor(f / |dy|);
-    dy > 0: x <= f / dy, so x < floor(f / dy) + 1;
+    A pixel x is covered where f - dy * (x - left) >= 0 for all three edges, f being the value at pixel left of the row. Hence
+    dy < 0: x - left >= -f / |dy|, so x - left >= ceil(-f / |dy|) = -floor(f / |dy|);
+    dy > 0: x - left <= f / dy, so x - left < floor(f / dy) + 1;
     dy = 0: the edge takes all of the row or nothing.
     """
     edges = edges_of(records.xy[record])
-    f = stepped_values(edges, np.zeros_like(y), y, arithmetic)  # [R, 3]
+    f = stepped_values(edges, left[:, 0], y, arithmetic)  # [R, 3]
     quotient = f // np.maximum(np.abs(edges.dy), 1)  # floor, also of negative numbers
-    lower = np.where(edges.dy < 0, -quotient, left).max(axis=1)
-    upper = np.where(edges.dy > 0, quotient + 1, right).min(axis=1)
+    lower = np.where(edges.dy < 0, left - quotient, left).max(axis=1)
+    upper = np.where(edges.dy > 0, left + quotient + 1, right).min(axis=1)
     missed = ((edges.dy == 0) & (f < 0)).any(axis=1)
     return lower, np.where(missed, lower, upper)
 

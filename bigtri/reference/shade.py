@@ -1,4 +1,4 @@
-"""The shading pass: from a visibility buffer to a picture; docs/numerics.md section 16."""
+"""The shading pass: from a visibility buffer to a picture; docs/numerics.md section 18."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def _normals(
 
 
 def _image(linear: NDArray[np.float32], covered: NDArray[np.bool_], samples: int, transparent: bool) -> NDArray[np.uint8]:
-    """The mean of every samples x samples square, added up row by row, in sRGB; of a transparent picture that of what is covered."""
+    """In sRGB, the mean of every samples x samples square, added up row by row; if transparent, of what is covered."""
     total = np.zeros_like(linear[::samples, ::samples])
     count = np.zeros(total.shape[:2], np.int64)
     for row in range(samples):

@@ -29,6 +29,27 @@ def save(path: Path, image: Image) -> Path:
     return path
 
 
+def save_animation(path: Path, images: Sequence[Image], seconds: float) -> Path:
+    """Writes pictures uint8 [H, W, 3 or 4] one after the other, over and over, as .gif, .webp or .apng; returns the path.
+
+    Args:
+        seconds: for which each is shown; a GIF has hundredths.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    import PIL.Image
+
+    kind = path.suffix.lower().removeprefix(".")
+    # A GIF has 256 colours, and draws over the picture before unless that is disposed of.
+    by_kind: dict[str, dict[str, Any]] = {"gif": {"disposal": 2}, "webp": {"lossless": True}}
+    first, *others = (PIL.Image.fromarray(np.ascontiguousarray(image)) for image in images)
+    milliseconds = 10 * max(1, round(100 * seconds)) if kind == "gif" else round(1000 * seconds)
+    name = "PNG" if kind == "apng" else None
+    first.save(path, name, save_all=True, append_images=others, duration=milliseconds, loop=0, **by_kind.get(kind, {}))
+    return path
+
+
 def ramp(stops: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
     """Colours [..., 3] along ``stops`` [S, 3], which are equally far apart, at value [...] in [0, 1]."""
     place = np.linspace(0, 1, len(stops))

@@ -17,6 +17,7 @@ from ..reference.records import Records
 from ..reference.shading import encode_srgb
 from ..scene.camera import Camera
 from ..scene.scene import Scene
+from ..scene.vectors import Vector
 from . import figure
 from .figure import Color
 from .render import render
@@ -35,17 +36,44 @@ _RAMP = np.array(
 
 
 def picture(
-    view: str, scene: Scene, camera: Camera, resolution: tuple[int, int], *, backend: str = "auto", supersample: int = 1
+    view: str,
+    scene: Scene,
+    camera: Camera,
+    resolution: tuple[int, int],
+    *,
+    backend: str = "auto",
+    supersample: int = 1,
+    triangle: int | None = None,
+    threshold: int | None = None,
+    transparent: bool = False,
+    background: tuple[Vector, Vector] | None = None,
 ) -> NDArray[np.uint8]:
-    """One of ``VIEWS`` of a scene, uint8 [H, W, 3]; ``resolution`` is (height, width). Only "shaded" is supersampled.
+    """One of ``VIEWS`` of a scene, uint8 [H, W, 3], or [H, W, 4] where it is transparent.
+
+    Args:
+        view: its name.
+        scene, camera: what is seen, and from where.
+        resolution: (height, width).
+        backend: as for ``render``.
+        supersample: of "shaded" alone.
+        triangle, threshold: of "bins" alone; as for ``bins``.
+        transparent, background: of "shaded" alone; as for ``render``.
 
     Raises:
-        ValueError: an unknown view.
+        ValueError: an unknown view, or a triangle that is none.
     """
     if view not in VIEWS:
         raise ValueError(f"bigtri.views: view must be one of {', '.join(map(repr, VIEWS))}, got {view!r}")
     if view == "shaded":
-        return render(scene, camera, resolution, backend=backend, supersample=supersample)
+        return render(
+            scene,
+            camera,
+            resolution,
+            backend=backend,
+            supersample=supersample,
+            transparent=transparent,
+            background=background,
+        )
     image, buffers = render(scene, camera, resolution, backend=backend, return_buffers=True)
     if view == "normals":
         lit = buffers.normals if buffers.normals is not None else np.zeros_like(buffers.linear)
@@ -56,7 +84,16 @@ def picture(
         return triangle_ids(buffers.visibility)
     if view == "overdraw":
         return overdraw(buffers.positions, scene.triangles, resolution, cull=scene.cull, backend=backend)
-    return bins(buffers.positions, scene.triangles, resolution, backdrop=image, cull=scene.cull, backend=backend)
+    return bins(
+        buffers.positions,
+        scene.triangles,
+        resolution,
+        triangle=triangle,
+        threshold=threshold,
+        backdrop=image,
+        cull=scene.cull,
+        backend=backend,
+    )
 
 
 def normals(normals: NDArray[np.float32], visibility: Visibility) -> NDArray[np.uint8]:
@@ -68,11 +105,9 @@ def normals(normals: NDArray[np.float32], visibility: Visibility) -> NDArray[np.
 
 def depth(visibility: Visibility, camera: Camera) -> NDArray[np.uint8]:
     """Distance along the view direction: near is light, far dark, in equal steps of lightness; blue where nothing is."""
-    near, far = camera.depth_range
     covered = visibility.triangle >= 0
-    assert visibility.depth is not None  # render always asks for it
-    window = np.where(covered, visibility.depth, 0).astype(np.float64)
-    distance = near * far / (far - window * (far - near))
+    assert isinstance(visibility.depth, np.ndarray)  # render always asks for it
+    distance = camera.distance_from_depth(np.where(covered, visibility.depth, 0).astype(np.float64))
     low, high = (distance[covered].min(), distance[covered].max()) if covered.any() else (1.0, 1.0)
     # By the logarithm, equal ratios of distance are equal steps: the foreground keeps its shape in a deep scene.
     nearness = np.ones_like(distance)
@@ -149,6 +184,7 @@ def bins(
     resolution: tuple[int, int],
     *,
     triangle: int | None = None,
+    threshold: int | None = None,
     backdrop: NDArray[np.uint8] | None = None,
     cull: str = "none",
     backend: str = "auto",
@@ -160,13 +196,21 @@ def bins(
         triangles: int32 [T, 3].
         resolution: (height, width).
         triangle: show this one alone, with its outline and bounding box.
+        threshold: px of the bounding box above which a triangle is drawn by bins; None: what the method has, 4000, and 0 for a
+            triangle alone. Models of small triangles have nothing to show unless it is lower.
         backdrop: uint8 [H, W, 3], shown faintly underneath.
         cull, backend: as for ``rasterize``.
+
+    Raises:
+        ValueError: a triangle that is none.
     """
     height, width = resolution
+    if triangle is not None and not 0 <= triangle < len(triangles):
+        raise ValueError(f"bigtri.views: triangle must be one of the {len(triangles)}, from 0, got {triangle}")
     chosen = triangles if triangle is None else triangles[triangle : triangle + 1]
     # A single triangle is shown in bins whatever its size; of a scene, only what the method does bin.
-    threshold = LARGE_THRESHOLD if triangle is None else 0
+    if threshold is None:
+        threshold = LARGE_THRESHOLD if triangle is None else 0
     records, _ = stages.setup(positions, chosen, height, width, cull, backend=backend)
     candidates, kept, small = stages.binning(records, threshold, backend=backend)
     queue = candidates[kept]

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import Vector, number, vector
 from .checks import check_array, check_choice
+from .readers.transforms import placed_from
+from .vectors import Vector, number, vector
 
 LAMP_KINDS = ("directional", "point", "spot")
 
@@ -45,12 +46,16 @@ class Marks:
             object.__setattr__(self, "colors", check_array("Marks", "colors", self.colors, (np.float32,), count, 3))
         object.__setattr__(self, "base_color", vector("Marks", "base_color", self.base_color))
 
-    def moved(self, origin: Vector, to: Vector) -> Marks:
+    def counted_from(self, origin: Vector, to: Vector) -> Marks:
         """The same place, counted from another origin."""
         if origin == to:
             return self
         step = np.array(origin) - np.array(to)
         return replace(self, positions=(self.positions.astype(np.float64) + step).astype(np.float32))
+
+    def placed(self, matrix: NDArray[np.float64], origin: Vector, to: Vector) -> Marks:
+        """By a matrix [4, 4] of world space, counted from another origin."""
+        return replace(self, positions=placed_from(to, matrix, self.positions.astype(np.float64) + np.array(origin)))
 
 
 @dataclass(frozen=True)

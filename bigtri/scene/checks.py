@@ -18,12 +18,15 @@ def check_choice(owner: str, name: str, value: Any, allowed: tuple[str, ...]) ->
 
 def check_array(owner: str, name: str, value: Any, dtypes: tuple[type[np.generic], ...], *shape: int | str) -> NDArray[Any]:
     """``value``, or a copy of it where torch could not share its memory: contiguous and writable."""
-    *others, last = (str(np.dtype(dtype)) for dtype in dtypes)
-    wanted = f"{', '.join(others)}{' or ' * bool(others)}{last} [{', '.join(map(str, shape))}]"
     if not isinstance(value, np.ndarray) or value.dtype not in dtypes:
         got = f"{value.dtype} {list(value.shape)}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise TypeError(f"bigtri.{owner}: {name} must be a NumPy array {wanted}, got {got}")
+        raise TypeError(f"bigtri.{owner}: {name} must be a NumPy array {_described(dtypes, shape)}, got {got}")
     fits = value.ndim == len(shape) and all(isinstance(s, str) or s == n for s, n in zip(shape, value.shape, strict=True))
     if not fits:
-        raise ValueError(f"bigtri.{owner}: {name} must be {wanted}, got {list(value.shape)}")
+        raise ValueError(f"bigtri.{owner}: {name} must be {_described(dtypes, shape)}, got {list(value.shape)}")
     return np.require(value, requirements=("C", "A", "W"))
+
+
+def _described(dtypes: tuple[type[np.generic], ...], shape: tuple[int | str, ...]) -> str:
+    *others, last = (str(np.dtype(dtype)) for dtype in dtypes)
+    return f"{', '.join(others)}{' or ' * bool(others)}{last} [{', '.join(map(str, shape))}]"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import Vector
+from .vectors import Vector
 
 WORLD_ORIGIN: Vector = (0.0, 0.0, 0.0)
 # float32 rounds x by up to 2^-24 |x|. Of a model within 8 times its size that is at most 2^-21 (5e-7) of the size: 1/256 px, to

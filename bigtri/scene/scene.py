@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..choices import CULLS
 from ..ops.texture import FILTERS, WRAPS
-from .camera import Camera, Vector, number, vector
+from .camera import Camera
 from .carried import Lamp, Marks
 from .checks import check_array, check_choice
 from .origin import WORLD_ORIGIN, bounds_of, relative
+from .readers.transforms import mirrors, placed, turned
+from .vectors import Vector, number, numbers, vector
 
 if TYPE_CHECKING:
+    from .plan import Plan
     from .tensors import SceneTensors
 
 ALPHA_MODES = ("opaque", "mask", "blend")
@@ -144,13 +147,15 @@ class Scene:
         materials: at least one.
         lights: any number of them; without any the ambient light is all there is.
         ambient: linear red, green, blue.
-        background: linear colours at the top and at the bottom of the picture, blended in between.
+        background: linear colours at the top and at the bottom of the picture, blended in between; or one for both.
         cull: "none", "back" or "front": which faces are not drawn.
         origin: where in world space positions are counted from, in float64. Cameras and ``bounds`` know nothing of it: it is
             there to keep positions small, since float32 has no millimetres of map coordinates in the millions.
         marks: points and lines of a file, any number of sets. This and all below is carried, and not drawn yet.
         cameras: those of a file: ``render`` takes them, but does so only if it is given them.
         lamps: the lights of a file.
+        instance: int32 [T], which object each triangle belongs to, from 0, or None: all belong to object 0. ``merge`` numbers the
+            objects of its scenes one after the other, and readers those of a file; ``instance_ids`` finds them in a picture.
 
     Raises:
         TypeError, ValueError: arrays that do not belong together; the text names the attribute.
@@ -171,6 +176,7 @@ class Scene:
     marks: tuple[Marks, ...] = ()
     cameras: tuple[Camera, ...] = ()
     lamps: tuple[Lamp, ...] = ()
+    instance: NDArray[np.int32] | None = None
 
     def __post_init__(self) -> None:
         self._keep_array("positions", np.float32, "V", 3)
@@ -182,12 +188,16 @@ class Scene:
         if self.material is None:
             object.__setattr__(self, "material", np.zeros(faces, np.int32))
         self._keep_array("material", np.int32, faces)
+        if self.instance is not None:
+            self._keep_array("instance", np.int32, faces)
+            if faces and self.instance.min() < 0:
+                raise ValueError(f"bigtri.Scene: instance must be at least 0, got {self.instance.min()}")
         object.__setattr__(self, "materials", _all_of("materials", self.materials, Material))
         object.__setattr__(self, "lights", _all_of("lights", self.lights, Light))
         if not self.materials:
             raise ValueError("bigtri.Scene: materials must hold at least one Material, got none")
         object.__setattr__(self, "ambient", vector("Scene", "ambient", self.ambient))
-        object.__setattr__(self, "background", _background(self.background))
+        object.__setattr__(self, "background", background_of("Scene", self.background))
         for name, count, of in (("material", len(self.materials), "materials"), ("triangles", vertices, "positions")):
             indices = getattr(self, name)
             if faces and not (indices.min() >= 0 and indices.max() < count):
@@ -212,9 +222,21 @@ class Scene:
         return bounds if self.origin == WORLD_ORIGIN else bounds + np.array(self.origin)  # -0 + 0 would be another zero
 
     @property
+    def points(self) -> NDArray[np.float64]:
+        """float64 [N, 3], world space: the vertices that the triangles use, which ``Camera.tight_framing`` takes."""
+        used = np.zeros(len(self.positions), bool)
+        used[self.triangles.reshape(-1)] = True
+        return self.positions[used].astype(np.float64) + np.array(self.origin)
+
+    @property
+    def instance_count(self) -> int:
+        """How many numbers objects may have: one more than the highest in ``instance``."""
+        return 1 if self.instance is None else int(self.instance.max(initial=0)) + 1
+
+    @property
     def used_materials(self) -> tuple[int, ...]:
         """The materials that a triangle has, rising."""
-        return tuple(np.unique(self.material).tolist())
+        return tuple(np.flatnonzero(np.bincount(self.material, minlength=1)).tolist())
 
     def on(self, device: str | torch.device) -> SceneTensors:
         """The scene as tensors on a device, "cpu" or "cuda", which ``render`` takes too: what is drawn often is uploaded once.
@@ -225,14 +247,72 @@ class Scene:
 
         return SceneTensors(self, torch.device(device))
 
+    def plan(
+        self,
+        camera: Camera | None = None,
+        resolution: tuple[int, int] | None = None,
+        *,
+        on: Iterable[str] = (),
+        off: Iterable[str] = (),
+        approximate: bool = False,
+    ) -> Plan:
+        """Which effects the scene calls for, each with the fact that calls for it or rules it out; ``print`` shows a table.
+
+        Nothing is drawn, and nothing waits for a GPU: it reads the scene's own arrays.
+
+        Args:
+            camera: if given, the plan also says what its triangles need as this camera sees them: perspective, clipping.
+            resolution: (height, width) of the picture, px; 720 x 1280 where it is left out.
+            on: effects to run whether they are called for or not, which changes no bit: attributes of ``RenderPlan``.
+            off: effects to leave out.
+            approximate: whether ``off`` may hold what the scene calls for. The plan then says that the picture is another.
+
+        Raises:
+            ValueError: an unknown effect, one that is in both, or one in ``off`` that the scene calls for.
+        """
+        from .plan import explain
+
+        return explain(self, camera, resolution, on=on, off=off, approximate=approximate)
+
     def with_(self, **changes: Any) -> Scene:
         """A copy with other attributes."""
         return replace(self, **changes)
 
+    # A point beyond float32's range becomes an infinity, and rasterize drops and counts its triangles.
+    @np.errstate(over="ignore", invalid="ignore")
+    def moved(self, matrix: ArrayLike) -> Scene:
+        """The scene at another pose: ``merge([a.moved(A), b.moved(B)])`` puts several together.
+
+        Positions and marks go by the matrix, normals by its inverse transpose, in float64, and the origin is chosen anew, as
+        ``load_scene`` chooses it. A matrix that mirrors turns triangles round, so that their fronts stay fronts. Lights, and the
+        cameras and lamps of files, stay where they are.
+
+        Args:
+            matrix: [4, 4], from world space to world space, affine, for column vectors.
+
+        Raises:
+            TypeError, ValueError: something else.
+        """
+        affine = numbers("Scene.moved", "matrix", matrix)
+        if affine.shape != (4, 4):
+            raise ValueError(f"bigtri.Scene.moved: matrix must be [4, 4], got {list(affine.shape)}")
+        if not (np.isfinite(affine).all() and affine[3].tolist() == [0, 0, 0, 1]):
+            raise ValueError(f"bigtri.Scene.moved: matrix must be finite with a last row of 0 0 0 1, got {affine.tolist()}")
+        origin, (positions,) = relative([placed(affine, self.positions.astype(np.float64) + np.array(self.origin))])
+        return replace(
+            self,
+            positions=positions,
+            triangles=self.triangles[:, ::-1] if mirrors(affine) else self.triangles,
+            normals=None if self.normals is None else turned(affine, self.normals),
+            origin=origin,
+            marks=tuple(marks.placed(affine, self.origin, origin) for marks in self.marks),
+        )
+
 
 def merge(scenes: Sequence[Scene]) -> Scene:
     """One scene with the geometry, materials, marks, cameras and lamps of all. Lights, ambient light, background and culling are
-    the first one's.
+    the first one's. Instances are numbered one after the other: those of the first scene keep their numbers, those of the second
+    follow, a scene without numbers being one instance.
 
     Where all have the same origin, positions stay as they are. Otherwise they are brought together in float64, and the origin is
     chosen anew, as ``load_scene`` chooses it.
@@ -246,6 +326,7 @@ def merge(scenes: Sequence[Scene]) -> Scene:
     if not scenes:
         raise ValueError("bigtri.merge: scenes must hold at least one scene, got none")
     vertex_offset = np.cumsum([0] + [len(s.positions) for s in scenes])
+    instance_offset = np.cumsum([0] + [s.instance_count for s in scenes])
     materials: dict[int, int] = {}  # a material that several scenes share is kept once: identity to index
     kept: list[Material] = []
     indices = []
@@ -272,11 +353,17 @@ def merge(scenes: Sequence[Scene]) -> Scene:
         material=np.concatenate(indices),
         materials=tuple(kept),
         origin=origin,
-        marks=tuple(marks.moved(s.origin, origin) for s in scenes for marks in s.marks),
+        marks=tuple(marks.counted_from(s.origin, origin) for s in scenes for marks in s.marks),
         cameras=tuple(camera for s in scenes for camera in s.cameras),
         lamps=tuple(lamp for s in scenes for lamp in s.lamps),
+        instance=np.concatenate([_instances_from(int(first), s) for first, s in zip(instance_offset, scenes, strict=False)]),
         **joined,
     )
+
+
+def _instances_from(first: int, scene: Scene) -> NDArray[np.int32]:
+    """int32 [T]: a scene's instances, counted from ``first``."""
+    return np.full(len(scene.triangles), first, np.int32) if scene.instance is None else scene.instance + np.int32(first)
 
 
 def _without_missing(material: Material, scene: Scene) -> Material:
@@ -302,9 +389,20 @@ def _all_of(name: str, value: Any, kind: type) -> tuple[Any, ...]:
     return items
 
 
-def _background(value: Any) -> tuple[Vector, Vector]:
+def background_of(owner: str, value: Any) -> tuple[Vector, Vector]:
+    """Two linear colours, at the top and at the bottom, of one for both or of two. ``owner`` is for the error text.
+
+    Raises:
+        TypeError, ValueError: neither.
+    """
+    wanted = f"bigtri.{owner}: background must be a colour, or two, at the top and at the bottom, got {value!r}"
     try:
-        top, bottom = value
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"bigtri.Scene: background must be two colours, at the top and at the bottom, got {value!r}") from None
-    return vector("Scene", "background", top), vector("Scene", "background", bottom)
+        colors = tuple(value)
+    except TypeError:
+        raise TypeError(wanted) from None
+    if len(colors) == 3:
+        one = vector(owner, "background", colors)
+        return one, one
+    if len(colors) != 2:
+        raise ValueError(wanted)
+    return vector(owner, "background", colors[0]), vector(owner, "background", colors[1])

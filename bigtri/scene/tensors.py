@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from ..reference.shade import Look, Surface
 from .normals import face_normals
 from .plan import RenderPlan
-from .scene import Material, Scene
+
+if TYPE_CHECKING:
+    from .scene import Material, Scene
 
 
 class SceneTensors:
@@ -61,7 +63,7 @@ class SceneTensors:
             material=self._material,
             looks=self._looks,
             base_colors=self._base_colors,
-            textures=tuple(self._textures) if plan.textures else (),
+            textures=tuple(self._textures),
             light_directions=self._directions if lit else self._directions[:0],
             light_colors=self._colors if lit else self._colors[:0],
             constants=torch.from_numpy(np.array([self.scene.ambient, *background], np.float32)),

@@ -71,7 +71,7 @@ def _fronts(rows: Sequence[Row], kind: Kind, folder: Path) -> Path | None:
     for here in _cases(rows):
         shown = [r for r in here if r.axis in (*kind.axes, "none") and kind.of(r) is not None]
         found = [kind.of(row) or kind.least for row in shown]
-        if max(found) > 2 * min(found):  # a scene on which all do about the same says nothing
+        if found and max(found) > 2 * min(found):  # a scene on which all do about the same says nothing
             panels.append((here, shown))
     if not panels:
         return None

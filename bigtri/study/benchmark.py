@@ -136,7 +136,7 @@ class Job:
     def fragments(self) -> int:
         """Covered samples of all triangles: the spans' lengths, every record taken row by row."""
         scene = self.positions.numpy(), self.triangles.numpy()
-        backend = "reference" if RUNGS[self.precision].is_unsnapped else "native"  # which has no stages for such a rung
+        backend = "native" if RUNGS[self.precision].has_stages else "reference"
         records, _ = stages.setup(*scene, self.height, self.width, backend=backend, precision=self.precision)
         every = np.arange(len(records.triangle), dtype=np.int32)
         no_queue, no_tiles = np.empty((0, 3), np.int32), np.empty(0, np.int64)

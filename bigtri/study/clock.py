@@ -2,15 +2,19 @@
 
 It warms up, then repeats until its time is spent, and reports median, minimum and quartiles: on a shared machine the minimum is
 what the code can do, the distance between the quartiles how far to trust the median.
+
+On CUDA it is the device's time that counts, not what the host takes to ask for it: calls are captured in CUDA graphs, whose
+replays are timed by events.
 """
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -47,12 +51,18 @@ def clock(call: Callable[[], object], seconds: float, warm: int = 2, at_least: i
 
 
 def interleaved(
-    calls: Mapping[str, Callable[[], object]], seconds: float, at_least: int = 5, at_most: int = 400
+    calls: Mapping[str, Callable[[], object]], seconds: float, at_least: int = 5, at_most: int = 400, device: str = "cpu"
 ) -> dict[str, list[float]]:
     """Milliseconds of each call by name, one of each a round, for about `seconds` but at least `at_least` rounds.
 
-    Each round has an order of its own, so that no call always comes after the same one; the first round does not count.
+    Each round has an order of its own, so that no call always comes after the same one; the first round does not count. On
+    "cuda" a call may only enqueue: it is captured, and its time is what it takes the device in a row of its like.
     """
+    if device == "cuda":
+        pool = torch.cuda.graph_pool_handle()  # what the calls work with meanwhile, which no two do at once
+        timed = {name: _timed_replay(call, pool) for name, call in calls.items()}
+    else:
+        timed = {name: functools.partial(_wall_ms, call) for name, call in calls.items()}
     rng = np.random.default_rng(0)
     names = list(calls)
     ms: dict[str, list[float]] = {name: [] for name in names}
@@ -60,12 +70,58 @@ def interleaved(
     done = -1
     while done < at_least or (time.perf_counter() < end and done < at_most):
         for name in rng.permutation(names).tolist():
-            start = time.perf_counter()
-            calls[name]()
+            value = timed[name]()
             if done >= 0:
-                ms[name].append((time.perf_counter() - start) * 1e3)
+                ms[name].append(value)
         done += 1
     return ms
+
+
+def _wall_ms(call: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    call()
+    return (time.perf_counter() - start) * 1e3
+
+
+# --- CUDA
+
+# A replay is of so many calls as take about so many milliseconds, so that what starting it costs is little beside them.
+_REPLAY_MS, _MOST_CALLS = 0.4, 20
+_WAIT_CYCLES = 200_000  # of the device's clock, some 100 us: longer than the host takes to start a replay
+
+
+def captured(call: Callable[[], object], count: int, pool: Any = None) -> torch.cuda.CUDAGraph:
+    """A CUDA graph of so many calls in a row; pool: memory that it shares with graphs that are not replayed at the same time."""
+    stream = torch.cuda.Stream()
+    stream.wait_stream(torch.cuda.current_stream())
+    with torch.cuda.stream(stream):
+        call()  # loads kernels, and gives torch its memory
+    torch.cuda.current_stream().wait_stream(stream)
+    torch.cuda.synchronize()
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph, pool=pool, stream=stream):
+        for _ in range(count):
+            call()
+    return graph
+
+
+def _device_ms(call: Callable[[], object]) -> float:
+    """Milliseconds of the device for a call that only enqueues, however long the host takes for it."""
+    start, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
+    torch.cuda._sleep(_WAIT_CYCLES)
+    start.record()
+    call()
+    end.record()
+    torch.cuda.synchronize()
+    return start.elapsed_time(end)
+
+
+def _timed_replay(call: Callable[[], object], pool: Any) -> Callable[[], float]:
+    """What replays a call and gives its milliseconds."""
+    call()  # loads kernels, and gives torch its memory
+    count = int(min(max(1.0, _REPLAY_MS / max(_device_ms(call), 1e-3)), _MOST_CALLS))
+    graph = captured(call, count, pool)
+    return lambda: _device_ms(graph.replay) / count
 
 
 def peak_mib(call: Callable[[], object]) -> float | None:

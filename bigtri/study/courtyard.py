@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from ..ops.rasterize import rasterize
 from ..reference.shading import decode_table
 from ..scene import Light, Material, Scene, merge
-from ..scene.camera import Camera, Vector
+from ..scene.camera import Camera
 from ..scene.normals import split_normals
+from ..scene.vectors import Vector
 
 FloatImage = NDArray[np.float32]
 

@@ -202,8 +202,8 @@ def _drawn_pairs(
 ) -> NDArray[np.int64]:
     """int64, in order: the pairs of a rung as ``truth.Rows`` has them, every triangle drawn by itself."""
     arithmetic = arguments.check_precision("study.errors", precision)
-    # The extension has no stages for vertices that are not snapped, nor for a precision that has no name.
-    native_too = native.available() and not arithmetic.is_unsnapped and arithmetic.name in native.REGISTRY["cpu"]
+    # The extension has no stages of some rungs, nor of a precision that has no name.
+    native_too = native.available() and arithmetic.has_stages and arithmetic.name in native.REGISTRY["cpu"]
     backend = "native" if native_too else "reference"
     records, _ = stages.setup(positions, triangles, *resolution, backend=backend, precision=precision)
     every = np.arange(len(records.triangle), dtype=np.int32)

@@ -33,8 +33,10 @@ def usable_cpus() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def device() -> str:
-    """The CPU's name and how many of its cores this process may use."""
+def device(kind: str = "cpu") -> str:
+    """The CPU's name and how many of its cores this process may use; of "cuda" the current device's name."""
+    if kind == "cuda":
+        return torch.cuda.get_device_name()
     return f"{cpu_name()}, {usable_cpus()} cores"
 
 

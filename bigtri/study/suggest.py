@@ -19,9 +19,10 @@ from ..ops.rasterize import rasterize
 from ..precision import DEFAULT, PRECISIONS, RUNGS, Arithmetic
 from ..reference.numerics import MAX_SIZE
 from ..rendering.render import render
-from ..scene.camera import Camera, number
+from ..scene.camera import Camera
 from ..scene.plan import plan_for
 from ..scene.scene import Scene
+from ..scene.vectors import number
 from . import errors, provenance, truth
 from .clock import Timing, interleaved, summary
 from .truth import BACKGROUND, Seen
@@ -184,7 +185,8 @@ def suggest_precision(
         camera: from where.
         resolution: (height, width), px, 1 to 16384 each.
         tolerance: what is good enough.
-        device: "cpu" or "cuda", where the rungs are timed. The errors are those of either, as the bits are the same.
+        device: "cpu" or "cuda", where the rungs are timed: on "cuda" the device's own time, without the host's. The errors are
+            those of either, as the bits are the same.
         samples: pixels to look at, at least 1; all of an image that has no more. A million takes some seconds.
         seed: which pixels. The answer is the same for the same seed, but for times.
         seconds: how long to measure times for, all rungs together, at least five calls of each.
@@ -221,7 +223,7 @@ def suggest_precision(
     some = _choice(len(at), _VALUES, seed)
     found = _errors(subject, candidates, at, some, supersample)
     if times is None:
-        every = interleaved({name: _call(subject, name, device) for name in candidates}, seconds)
+        every = interleaved({name: _call(subject, name, device) for name in candidates}, seconds, device=device)
         times = {name: summary(ms) for name, ms in every.items()}
     everything = height * width
     evidence = []
@@ -248,7 +250,7 @@ def suggest_precision(
         evidence=tuple(sorted(evidence, key=lambda one: one.time.median)),
         resolution=(height, width),
         device=device,
-        machine=provenance.device() if device == "cpu" else torch.cuda.get_device_name(),
+        machine=provenance.device(device),
         pixels=len(at),
         values=len(some),
         seed=seed,
@@ -456,8 +458,6 @@ def _call(subject: _Subject, precision: str, device: str) -> Callable[[], None]:
         seen = rasterize(positions, triangles, subject.resolution, precision=precision, cull=scene.cull, depth=False, out=out)
         if uvs is not None:
             interpolate(uvs, seen, positions, triangles, precision=precision)
-        if device == "cuda":
-            torch.cuda.synchronize()
 
     return call
 

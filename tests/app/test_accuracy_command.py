@@ -53,7 +53,10 @@ def test_rungs_that_are_not_built_are_named(monkeypatch: pytest.MonkeyPatch, cap
         (["--scenes", "S1", "--size", "10x10"], "which is too small"),
         (["--precision", "none"], "precision must be one of exact, "),
         (["--variant", "none"], "--variant must be one that 'exact' has on cpu, got 'none'"),
-        (["--variant", "bin_owned", "--precision", "depth_stored16"], "precision must be one of exact, subpixel4"),
+        (
+            ["--variant", "bin_owned", "--precision", "depth_stored16"],
+            "precision must be one of exact, balanced, fast, subpixel4",
+        ),
         (["--isa", "none"], "instruction set must be one of"),
         (["--device", "none"], "argument --device: invalid choice"),
         (["--csv", "{folder}"], "argument --csv: must be a file, got the folder"),

@@ -52,7 +52,7 @@ def test_backends_draw_the_same(model, tmp_path):
     ("arguments", "text"),
     [
         (["nowhere.glb", "-o", "x.png"], "no such file: nowhere.glb"),
-        (["{model}", "-o", "x.gif"], "--out must end in .png"),
+        (["{model}", "-o", "x.svg"], "--out must end in .png"),
         (["{model}", "-o", "no/such/folder/x.png"], "make it first"),
         (["{model}", "-o", "{folder}/folder.png"], "--out must be a file"),
         (["{folder}/two.obj", "-o", "{folder}/x.png"], "line 1: v must have 3 numbers or more, got '0 0'"),
@@ -169,6 +169,15 @@ def test_info_of_a_model_that_is_drawn_whole(model, capsys):
     assert printed.err == f"reading {model}\n"  # before what may take seconds
 
 
+def test_explain(model, capsys):
+    assert cli.main(["explain", str(model)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["effect", "why", "costs"]
+    rows = {line[:16].strip(): line for line in lines[1:]}
+    assert "on" in rows["lights"].split() and "2 lights" in rows["lights"]
+    assert "off" in rows["textures"].split() and "triangles cross a plane" in rows["clipping"]
+
+
 def test_radians_on_the_command_line(model, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(warn, "_said", set())
     out = str(tmp_path / "x.png")
@@ -268,7 +277,7 @@ def test_demo(tmp_path, capsys):
     expected = ["shaded", "normals", "depth", "ids", "overdraw", "bins", "bins_one_triangle"]
     assert sorted(written) == sorted(f"{name}.png" for name in expected)
     assert len(printed.out.split()) == len(expected)
-    for step in ("setup", "binning", "tile mask", "scanline", "depth", "visibility", "fused", "attributes", "texture", "shading"):
+    for step in ("setup", "binning", "tile mask", "scanline", "depth", "visibility", "fused", "transform", "draw"):
         assert step in printed.err
     assert "the same bits" in printed.err
     shaded = io.imread(tmp_path / "pictures" / "shaded.png")

@@ -25,7 +25,7 @@ COMPILED = tuple(native.REGISTRY.get("cpu", ()))
 COUNTED = tuple(name for name in COMPILED if len(native.REGISTRY["cpu"][name]) > 1)
 # What the rungs share is the same source: the cases in which depths, clipping and thin records show are enough for the others.
 LADDER_CASES = ("behind_camera", "clipped_fans", "guard_band", "long_slivers", "on_bins", "on_centres", "on_planes")
-STAGED = tuple(name for name in COMPILED if not RUNGS[name].is_unsnapped)  # have their stages one by one
+STAGED = tuple(name for name in COMPILED if RUNGS[name].has_stages)  # have their stages one by one
 RUNG_AND_CASE = [(rung, name) for rung in COMPILED[1:] for name in (CASES if rung in COUNTED else LADDER_CASES)]
 
 
@@ -53,6 +53,7 @@ def test_the_rungs_are_those_of_the_header() -> None:
         assert constants[name]["kCoverage"] == coverage, name
         wide = rung.subpixel_bits > 8 or rung.precision.coverage == "fixed8_int64"
         assert constants[name]["kWideEdges"] == ("true" if wide else "false"), name
+        assert constants[name]["kWraps"] == ("true" if rung.wraps else "false"), name
         assert constants[name]["kMask"] == "k" + rung.precision.mask.title().replace("_", ""), name
         for constant, choice in (("kClip", rung.precision.clip), ("kAttributes", rung.precision.attributes)):
             assert constants[name][constant] == "k" + choice.title(), name
@@ -119,7 +120,9 @@ def test_attributes_of_a_rung_without_stages(name: str, precision: str) -> None:
         assert np.asarray(images[0]).tobytes() == np.asarray(images[1]).tobytes()
     with pytest.raises(ValueError, match=f"bigtri.setup: backend must be 'reference' with precision '{precision}'"):
         stages.setup(positions, triangles, *resolution, backend="native", precision=precision)
-    with pytest.raises(RuntimeError, match="bigtri::setup: precision must be one whose records hold all that coverage needs"):
+    with pytest.raises(
+        RuntimeError, match="bigtri::setup: precision must be one whose records and spans hold all that coverage needs"
+    ):
         torch.ops.bigtri.setup(
             *map(torch.from_numpy, (positions, triangles)), *resolution, cull="none", scissor=[0, 0, 1, 1], precision=precision
         )

@@ -32,6 +32,7 @@ PATHS: dict[str, dict[str, int]] = {
     "even": {"few": 0, "share": 256},
     "apart": {"few": 0, "share": 128},
     "tested": {"few": 0, "share": 1024},
+    "queued": {"few": 0, "rows": 0},
 }
 # More values of parameters than their registry names: lists and queues of one, sizes that leave work for a second turn.
 VALUES: dict[str, tuple[int, ...]] = {

@@ -31,7 +31,8 @@ from cuda_bits import (
 import bigtri
 from bigtri import native
 from bigtri.ops.rasterize import CULLS, Visibility
-from bigtri.precision import DEFAULT
+from bigtri.precision import DEFAULT, RUNGS
+from bigtri.study.accuracy import reversed_depth
 
 pytestmark = needs_cuda
 
@@ -305,11 +306,15 @@ def test_settings_are_checked():
 @pytest.mark.parametrize("name", CASES)
 def test_every_rung_has_the_cpu_s_bits(name, precision):
     positions, triangles, resolution = uploaded(Scene(name))
+    if RUNGS[precision].reversed:
+        positions = torch.from_numpy(reversed_depth(positions.cpu().numpy())).to(DEVICE)
     wanted = bigtri.rasterize(positions.cpu(), triangles.cpu(), resolution, precision=precision)
     colors = torch.rand(len(positions), 3)
     for variant in native.REGISTRY["cuda"][precision]:
-        got = bigtri.rasterize(positions, triangles, resolution, precision=precision, variant=variant)
-        assert_same(Visibility(*(field.to(DEVICE) for field in wanted)), got, variant)
+        for settings in ({}, {"queue": 3}, {"rows": 0, "share": 128}):
+            with native.using_parameters(**settings):
+                got = bigtri.rasterize(positions, triangles, resolution, precision=precision, variant=variant)
+            assert_same(moved(wanted, DEVICE), got, (variant, settings))
     values = bigtri.interpolate(colors.to(DEVICE), got, positions, triangles, precision=precision).cpu()
     right = bigtri.interpolate(colors, wanted, positions.cpu(), triangles.cpu(), precision=precision)
     assert torch.equal(as_bits(values), as_bits(right))

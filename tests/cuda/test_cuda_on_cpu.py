@@ -12,14 +12,12 @@ import pytest
 import torch
 from cases import CASES, Case
 from cuda_bits import CONSTRUCTIONS, EVERY, PATHS, VALUES, values_of
-from cuda_on_cpu import TOGETHER, VARIANTS, VARIANTS_OF, Job
+from cuda_on_cpu import TOGETHER, VARIANTS, Job
 from exhaustive import exhaustive
 
 import bigtri
-from bigtri import native, reference
+from bigtri import native
 from bigtri.ops.rasterize import CULLS
-from bigtri.precision import DEFAULT, RUNGS
-from bigtri.reference.numerics import BACKGROUND
 
 pytestmark = [
     pytest.mark.skipif(bool(cuda_on_cpu.available()), reason=cuda_on_cpu.available()),
@@ -148,21 +146,6 @@ def test_every_setting_is_tried() -> None:
                     assert {row[field] for row in there} == set(values), (variant, way, field)
     for p in known:
         assert {way[p.name] for way in WAYS if p.name in way} <= {*values_of(p)}, p.name
-
-
-@pytest.mark.parametrize(
-    ("rung", "variant"), [(rung, v) for rung, names in VARIANTS_OF.items() if rung != DEFAULT for v in names]
-)
-@pytest.mark.parametrize("name", ["mixed", "small_by_the_screen", "long_slivers", "clipped_fans", "guard_band", "half_subpixels"])
-def test_every_rung(name: str, rung: str, variant: str) -> None:
-    """What the rungs share is the same source, so a few cases are enough; the picture is the NumPy reference's."""
-    case = case_of(name)
-    packed, dropped = reference.rasterize(case.positions, case.triangles, *case.resolution, arithmetic=RUNGS[rung])
-    bits = (packed >> 32).astype(np.uint32)
-    depth = np.where(packed == BACKGROUND, np.float32(np.inf), bits.view(np.float32))
-    jobs = [Job(case, packed, depth, dropped, variant, settings) for settings in ({}, {"queue": 1}, {"few": 0, "widest": 8})]
-    said = cuda_on_cpu.differences_in_children(cuda_on_cpu.kernels(rung), jobs)
-    assert not said, said
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

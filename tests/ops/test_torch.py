@@ -39,6 +39,14 @@ def arguments(op: str) -> tuple:
     packed = torch.empty(1, height, width, dtype=torch.int64)
     call("visibility", (triangle, spans, depth, packed[0]))
     drawing = packed, positions[None], triangles
+    count, vertices = len(triangles), len(positions)
+    surface = (
+        *(torch.rand(vertices, 2), torch.rand(vertices, 3), torch.rand(vertices, 3), torch.rand(count, 3)),
+        *(torch.zeros(count, dtype=torch.int32), torch.tensor([[7, 0]], dtype=torch.int32), torch.rand(1, 3)),
+        *([torch.rand(4, 5, 3)], torch.rand(2, 3), torch.rand(2, 3), torch.rand(3, 3), True),
+        *(torch.from_numpy(np.array(encode_thresholds())), "exact"),
+    )
+    picture = torch.empty(1, height, width, 3, dtype=torch.uint8), *(torch.empty(*packed.shape, 3) for _ in "anl")
     return {
         "rasterize": (
             *(positions[None], triangles, height, width, "none", [0, 0, width, height], "bin_owned", "exact", 1, [], None, None),
@@ -63,6 +71,11 @@ def arguments(op: str) -> tuple:
         "sample_texture": (torch.rand(7, 5, 3), torch.rand(20, 2), "bilinear", "repeat", torch.empty(20, 3)),
         "lambert": (*(torch.rand(n, 3) for n in (9, 9)), torch.rand(3), *(torch.rand(2, 3) for _ in "dc"), torch.empty(9, 3)),
         "encode_srgb": (torch.rand(4, 5), torch.from_numpy(np.array(encode_thresholds())), torch.empty(4, 5, dtype=torch.uint8)),
+        "shade": (*drawing, *surface, *picture),
+        "draw": (
+            *(positions[None], triangles, height, width, "none", *surface, [], *picture),
+            *(torch.empty_like(packed), torch.empty(packed.shape), torch.empty(1, dtype=torch.int64)),
+        ),
         "transform": (torch.rand(9, 3), torch.rand(2, 4, 4, dtype=torch.float64), torch.empty(2, 9, 4)),
     }[op]
 

@@ -97,20 +97,38 @@ def test_where_the_corners_are(load, make, bounds):
 
 
 def test_below_a_camera(load):
-    scene = load(gltf_files.below_a_camera(), said=["a camera is in Scene.cameras, but not what the picture is seen from"])
+    scene = load(gltf_files.below_a_camera(), said=["a camera is in Scene.cameras: a picture is seen from it only if"])
     assert scene.bounds.tolist() == [[0, -2, 2], [4, 2, 2]]
     assert scene.cameras == (Camera((2, 0, 0), (2, 0, -1), (0, 2, 0), 45, 0.5, 9),)
 
 
+def test_orthographic_cameras(load):
+    file = gltf_files.below_a_camera()
+    file.json["cameras"][0] = {"type": "orthographic", "orthographic": {"xmag": 3, "ymag": 1.5, "znear": 0, "zfar": 2}}
+    scene = load(file, said=["a camera is in Scene.cameras: a picture is seen from it only if"])
+    assert scene.cameras == (Camera.orthographic((2, 0, 0), (2, 0, -1), (0, 2, 0), 3, 0, 2),)
+    file.json["cameras"][0]["orthographic"]["ymag"] = "1"
+    with pytest.raises(ValueError, match="cameras\\[0\\].orthographic.ymag must be a finite number"):
+        load(file)
+
+
 def test_cameras_that_are_left_out(load):
     file = gltf_files.below_a_camera()
-    file.json["cameras"][0] = {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 1, "zfar": 2}}
-    assert load(file, said=["a camera without perspective is left out"]).cameras == ()
+    file.json["cameras"][0] = {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 0, "znear": 1, "zfar": 2}}
+    said = "cameras[0] is left out: bigtri.Camera.orthographic: height must be positive"
+    assert load(file, said=[said]).cameras == ()
     file.json["cameras"][0] = {"type": "perspective", "perspective": {"yfov": 4, "znear": 0.1}}
     assert load(file, said=["cameras[0] is left out: bigtri.Camera: fov_y must be in (0, 180) degrees, got 229"]).cameras == ()
+
+
+def test_without_a_farthest_distance_the_scene_has_it(load):
+    file = gltf_files.below_a_camera()
     file.json["cameras"][0] = {"type": "perspective", "perspective": {"yfov": 1, "znear": 2}}
     (camera,) = load(file, said=["Scene.cameras"]).cameras
-    assert camera.depth_range == (2, 2e6)
+    assert camera.near == 2 and camera.far is None  # all is behind the near plane
+    file.json["nodes"][0]["translation"] = [0, 0, -8]  # and its parent makes twice that of it
+    (camera,) = load(file, said=["Scene.cameras"]).cameras
+    assert camera.near == 2 and camera.far == 16.25
 
 
 def test_lights_are_carried(load):

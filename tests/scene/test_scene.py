@@ -245,7 +245,9 @@ def test_from_trimesh_takes_a_mesh():
         ({"lights": ((0, 0, 1),)}, TypeError, "lights must be a sequence of Light"),
         ({"ambient": None}, TypeError, "ambient must be three finite numbers"),
         ({"ambient": (1, 2)}, ValueError, "ambient must be three finite numbers"),
-        ({"background": (1, 2, 3)}, ValueError, "background must be two colours"),
+        ({"background": (1, 2)}, TypeError, "background must be three finite numbers"),
+        ({"background": ((1, 2, 3),) * 4}, ValueError, "background must be a colour, or two"),
+        ({"background": 1}, TypeError, "background must be a colour, or two"),
         ({"background": ((1, 2, 3), (1, 2, np.nan))}, ValueError, "background must be three finite numbers"),
     ],
 )

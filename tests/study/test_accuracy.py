@@ -127,6 +127,7 @@ def test_known_facts_of_depth_and_attributes() -> None:
     assert judged("far_planes", "exact")["flips_ppm"] == 1e6 and judged("far_planes", "depth_reversed")["wrong_ppm"] == 0
     assert judged("far_planes", "depth_reversed")["depth_ulp_max"] <= 0.51
     assert judged("floor", "exact")["texels_max"] < 1 and judged("floor", "attributes_affine")["texels_max"] > 100
+    assert judged("floor", "attributes_unsnapped")["texels_max"] < judged("floor", "exact")["texels_max"] / 100
 
 
 # --- what is broken on purpose shows
@@ -188,9 +189,28 @@ def test_a_row_for_each_rung_the_control_and_the_samples() -> None:
     assert by_name["samples2"].psnr < by_name["samples4"].psnr and by_name[accuracy.CONTROL].wrong_ppm is None
 
 
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+def test_times_alone() -> None:
+    setting = accuracy.Setting(variant="auto")
+    exact, again, other, *_ = accuracy.study(accuracy.HARD["floor"](), ["subpixel4"], setting, EFFORT, with_errors=False)
+    assert [exact.precision, again.precision, other.precision] == ["exact", accuracy.CONTROL, "subpixel4"]
+    assert other.ratio > 0 and (other.wrong_ppm, other.depth_px, other.psnr) == (None, None, None)
+
+
+def test_all_rungs_take_one_way_through_a_variant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On CUDA ``exact`` draws small triangles by rows, rungs of the ladder do not: it is compared with them as they are drawn."""
+    rows = native.Parameter("rows", "", "", 1, 0, 1, ())
+    rung = {"bin_owned": native.Variant("", "", {}), "two_stage": native.Variant("", "", {"rows": rows})}
+    monkeypatch.setitem(native.REGISTRY, "cuda", {"exact": rung})
+    assert accuracy.parameters_of("cuda", "exact", "two_stage") == {"rows": 0}
+    assert accuracy.parameters_of("cuda", "exact", "bin_owned") is accuracy.parameters_of("cuda", "exact", "auto") is None
+    assert accuracy.parameters_of("cpu", "exact", "two_stage") is None
+
+
 def test_axes_of_rungs() -> None:
     assert accuracy.axis_of("exact") == "none" and accuracy.axis_of("depth_reversed") == "depth"
-    assert accuracy.timed_of("clip_none") == "rasterize"
+    assert accuracy.timed_of("clip_none") == "rasterize" and accuracy.timed_of("balanced") == "barycentrics"
+    assert accuracy.axis_of("fast") == "depth+attributes" and accuracy.timed_of("fast") == "rasterize+barycentrics"
 
 
 def test_front_of_those_that_none_beats() -> None:

@@ -22,6 +22,7 @@ import torch
 import bigtri
 from bigtri import native
 from bigtri.study import benchmark, meshes, scenes
+from bigtri.study import clock as study_clock
 
 BENCH = Path(__file__).parents[2] / "bench"
 CSRC = Path(bigtri.__file__).parent / "csrc"
@@ -153,7 +154,7 @@ class FakeCuda:
                 outer.frames += self.frames
 
         class Capture:
-            def __init__(self, graph: Graph, stream: object) -> None:
+            def __init__(self, graph: Graph, pool: object, stream: object) -> None:
                 self.graph = graph
 
             def __enter__(self) -> None:
@@ -167,6 +168,7 @@ class FakeCuda:
 
         stand_ins = {"Event": Event, "CUDAGraph": Graph, "graph": Capture, "Stream": Stream, "current_stream": Stream}
         stand_ins |= {"stream": lambda stream: contextlib.nullcontext(), "synchronize": lambda: None, "_sleep": self.sleep}
+        stand_ins |= {"graph_pool_handle": lambda: (0, 0)}
         for name, value in stand_ins.items():
             monkeypatch.setattr(torch.cuda, name, value)
 
@@ -194,6 +196,15 @@ def test_clock_times_a_frame_by_every_method(monkeypatch: pytest.MonkeyPatch, me
     before = cuda.frames
     again()
     assert cuda.frames - before == (cuda_clock.IN_A_ROW if method == "graph20" else 1)
+
+
+def test_calls_take_turns_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Milliseconds of the device for each call, whatever the host takes and however many calls are replayed at once."""
+    cuda = FakeCuda(monkeypatch)
+    calls = {"one": cuda.draw, "five": lambda: [cuda.draw() for _ in range(5)]}
+    ms = study_clock.interleaved(calls, seconds=0, at_least=6, device="cuda")
+    assert ms == {"one": pytest.approx([0.01] * 6), "five": pytest.approx([0.05] * 6)}
+    assert cuda.sleeps == 2 + 2 * 7  # one each to see how long it takes, and one each of every round
 
 
 def test_replays_and_the_host(monkeypatch: pytest.MonkeyPatch) -> None:

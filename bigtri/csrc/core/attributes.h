@@ -13,6 +13,7 @@ BIGTRI_HD double edge_at(const Primitive& p, int k, int32_t x, int32_t y) {
 }
 
 constexpr AttributeRule kAttributeRule = Rung::kAttributes;
+constexpr bool kUnsnappedWeights = kAttributeRule == AttributeRule::kUnsnapped;
 constexpr bool kFloatWeights =
     kAttributeRule == AttributeRule::kFloat32 || kAttributeRule == AttributeRule::kReciprocal;
 
@@ -58,6 +59,41 @@ BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const 
   for (int m = 0; m < 3; ++m) b[m] = (u0 * t[0][m] + u1 * t[1][m]) + u2 * t[2][m];
   const D sum = (b[0] + b[1]) + b[2];
   for (int m = 0; m < 3; ++m) b[m] = b[m] / sum;
+}
+
+// u, negated if the triangle is turned the other way, and 0 where the pixel lies beyond its side.
+BIGTRI_HD double inner_part(double u, double turn) {
+  const double towards = turn < 0 ? -u : u;
+  return towards > 0 ? towards : 0.0;
+}
+// v / sum, or 0 where there is none: all vertices are seen at the pixel's centre.
+BIGTRI_HD double share_of(double v, double sum) { return sum == 0 ? 0.0 : v / sum; }
+
+// The same as barycentrics, of the parent's vertices as they were given. right, up: the pixel's centre in normalized
+// device coordinates. Seen from there, a point (x, y, w) of the triangle is the pixel's where both a and c are 0.
+template <int kRecords, class D>
+BIGTRI_HD void unsnapped_barycentrics(const ParentOf<kRecords>& parent, int record, const D& right, double up, D b[3]) {
+  D a[3];
+  double c[3];
+  for (int k = 0; k < 3; ++k) {
+    const float* v = parent.given[corner_of(parent, record, k)];
+    a[k] = (double)v[0] - right * (double)v[3];
+    c[k] = (double)v[1] - up * (double)v[3];
+  }
+  const D u0 = a[1] * c[2] - a[2] * c[1], u1 = a[2] * c[0] - a[0] * c[2], u2 = a[0] * c[1] - a[1] * c[0];
+  const D turn = (u0 + u1) + u2;
+  const D v0 = inner_part(u0, turn), v1 = inner_part(u1, turn), v2 = inner_part(u2, turn);
+  const D sum = (v0 + v1) + v2;
+  b[0] = share_of(v0, sum);
+  b[1] = share_of(v1, sum);
+  b[2] = share_of(v2, sum);
+}
+
+// Normalized device coordinates of the centre of column x, or of row y counted from below, of so many. place: x, or
+// several of it.
+template <class D>
+BIGTRI_HD D device_coordinate(const D& place, double size) {
+  return (place * 2.0 + (1.0 - size)) / size;
 }
 
 // 1 / v for positive v, specified down to its bits: an integer start and two Newton steps.

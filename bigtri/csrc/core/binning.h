@@ -31,18 +31,18 @@ BIGTRI_HD int bin_columns(const Viewport& v) { return (v.width + kBin - 1) / kBi
 BIGTRI_HD int bin_rows(const Viewport& v) { return (v.height + kBin - 1) / kBin; }
 
 // f of one edge over a bin, before it is narrowed. It needs int64: |e| < 2^49 gives |f| <= 2^41, which is 1024 times
-// what int32 holds.
+// what int32 holds. Where it wraps around, it fits int32 in all of the bin (wrapped_steps).
 struct BinEdge {
   int32_t sx, sy;  // change of f per px in x and in y; below 2^24 in magnitude
-  int64_t f, lowest, highest;  // f at the bin's first pixel centre, and its extremes over all 64x64
+  StepNumber f, lowest, highest;  // f at the bin's first pixel centre, and its extremes over all 64x64
 };
 
 // The extremes of f over a square of (last + 1)^2 pixel centres, from its value at the first one. last is at most 63,
 // so the number added is at most 63 * (2^24 + 2^24) = 63/64 * 2^31 in magnitude, and fits int32.
-BIGTRI_HD int64_t lowest_of(int64_t f, int32_t sx, int32_t sy, int last) {
+BIGTRI_HD StepNumber lowest_of(StepNumber f, int32_t sx, int32_t sy, int last) {
   return f + (EdgeNumber)last * ((EdgeNumber)min_of(sx, 0) + min_of(sy, 0));
 }
-BIGTRI_HD int64_t highest_of(int64_t f, int32_t sx, int32_t sy, int last) {
+BIGTRI_HD StepNumber highest_of(StepNumber f, int32_t sx, int32_t sy, int last) {
   return f + (EdgeNumber)last * ((EdgeNumber)max_of(sx, 0) + max_of(sy, 0));
 }
 

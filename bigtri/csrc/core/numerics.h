@@ -33,8 +33,9 @@ constexpr int kGuard = 1 << (kSubpixelBits <= 15 ? 15 + kSubpixelBits : 30);
 // All bounds on integers in core/ are proved for 8 sub-pixel bits. Fewer bits only make the integers smaller. More need
 // kWideEdges; numerics.md 14 has the bounds for those.
 static_assert(kSubpixelBits <= 8 || (Rung::kWideEdges && kSubpixelBits <= 16), "more bits need wider integers");
-// f of an edge at a pixel of a bin.
+// f of an edge at a pixel of a bin; and at any pixel, where it may need 42 bits.
 using EdgeNumber = std::conditional_t<Rung::kWideEdges, int64_t, int32_t>;
+using StepNumber = std::conditional_t<Rung::kWraps, int32_t, int64_t>;
 constexpr bool kFloatCoverage = Rung::kCoverage != CoverageRule::kFixed;
 // Whether coverage is that of vertices that are not snapped.
 constexpr bool kUnsnapped =
@@ -76,8 +77,19 @@ BIGTRI_HD int32_t pixel_centre(int32_t p) { return p * kSubpixel + kHalf; }
 // covered where f >= 0 for all three edges. From one pixel to the next, f changes by exactly -dy in x and +dx in y.
 BIGTRI_HD int64_t steps_of(int64_t value, const Edge& e) { return (value + edge_bias(e)) >> kSubpixelBits; }
 
+// The same where edge values wrap around; numerics.md 14.1. The value is computed at the first pixel of the 64x64 px
+// cell alone, in unsigned arithmetic, since signed numbers must not overflow. f is then below 2^23 in magnitude. Steps
+// within the cell add at most 63 * 2^25, so f stays below 63/64 * 2^31 + 2^23 < 2^31: nothing else wraps.
+BIGTRI_HD int32_t wrapped_steps(const Edge& e, int32_t x, int32_t y, SamplePoint at) {
+  const int32_t left = x & -kBin, top = y & -kBin;
+  const uint32_t value = (uint32_t)e.dx * (uint32_t)(top * kSubpixel + at.y - e.py) -
+                         (uint32_t)e.dy * (uint32_t)(left * kSubpixel + at.x - e.px) + (uint32_t)edge_bias(e);
+  return ((int32_t)value >> kSubpixelBits) + ((y - top) * e.dx - (x - left) * e.dy);
+}
+
 // f at the sample point of pixel (x, y).
-BIGTRI_HD int64_t edge_steps(const Edge& e, int32_t x, int32_t y, SamplePoint at = kCentre) {
+BIGTRI_HD StepNumber edge_steps(const Edge& e, int32_t x, int32_t y, SamplePoint at = kCentre) {
+  if constexpr (Rung::kWraps) return wrapped_steps(e, x, y, at);
   return steps_of(edge_value(e, x * kSubpixel + at.x, y * kSubpixel + at.y), e);
 }
 
@@ -123,6 +135,7 @@ template <class D>
 BIGTRI_HD D quotient(D v, double by) {
   return v / by;
 }
+BIGTRI_HD float quotient(float v, const Divisor& by) { return v / (float)by.value; }
 BIGTRI_HD double quotient(double v, const Divisor& by) {
 #if defined(__CUDA_ARCH__)
   double q = v * by.inverse;

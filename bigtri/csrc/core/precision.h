@@ -25,7 +25,7 @@ enum class MaskRule { kCorners, kHalfTile, kBounds, kNone };
 enum class ClipRule { kExact, kFloat32, kNone };
 
 // How attributes are weighted at a pixel.
-enum class AttributeRule { kFloat64, kFloat32, kReciprocal, kAffine };
+enum class AttributeRule { kFloat64, kFloat32, kReciprocal, kAffine, kUnsnapped };
 
 // How the depth of a pixel is computed and stored.
 enum class DepthRule {
@@ -45,12 +45,31 @@ struct exact {
   static constexpr int kSubpixelBits = 8;  // vertices snap to 1/256 px
   static constexpr CoverageRule kCoverage = CoverageRule::kFixed;
   static constexpr bool kWideEdges = false;  // whether an edge function needs int64 at a pixel, or is given it
+  static constexpr bool kWraps = false;  // whether edge values are computed in int32, and wrap around
   static constexpr DepthRule kDepth = DepthRule::kFloat64Cell;
   static constexpr MaskRule kMask = MaskRule::kCorners;
   static constexpr ClipRule kClip = ClipRule::kExact;
   static constexpr AttributeRule kAttributes = AttributeRule::kFloat64;
+  // Whether the rung has code of its own for drawing.
+  static constexpr bool kDraws = true;
   // Whether the proofs that the variant bin_owned rests on hold, and its kernels are compiled.
   static constexpr bool kBinOwned = true;
+};
+
+// What rungs have in common that differ from exact in attributes alone. They draw the same visibility buffers, bit for
+// bit, so on the CPU it is exact's code that draws them (setup.py, variants.cpp); attributes are their own.
+struct drawn_as_exact : exact {
+  static constexpr bool kDraws = false;
+  static constexpr bool kBinOwned = false;
+};
+
+struct balanced : drawn_as_exact {
+  static constexpr AttributeRule kAttributes = AttributeRule::kFloat32;
+};
+
+struct fast : exact {
+  static constexpr DepthRule kDepth = DepthRule::kFloat32Cell;
+  static constexpr AttributeRule kAttributes = AttributeRule::kFloat32;
 };
 
 struct subpixel4 : exact {
@@ -72,6 +91,9 @@ struct subpixel16 : ladder {
 };
 struct coverage_int64 : ladder {
   static constexpr bool kWideEdges = true;
+};
+struct coverage_int32 : ladder {
+  static constexpr bool kWraps = true;
 };
 struct coverage_float32 : ladder {
   static constexpr CoverageRule kCoverage = CoverageRule::kFloat32;
@@ -128,30 +150,33 @@ struct clip_none : ladder {
   static constexpr ClipRule kClip = ClipRule::kNone;
 };
 
-struct attributes_float32 : ladder {
+struct attributes_float32 : drawn_as_exact {
   static constexpr AttributeRule kAttributes = AttributeRule::kFloat32;
 };
-struct attributes_reciprocal : ladder {
+struct attributes_reciprocal : drawn_as_exact {
   static constexpr AttributeRule kAttributes = AttributeRule::kReciprocal;
 };
-struct attributes_affine : ladder {
+struct attributes_affine : drawn_as_exact {
   static constexpr AttributeRule kAttributes = AttributeRule::kAffine;
+};
+struct attributes_unsnapped : drawn_as_exact {
+  static constexpr AttributeRule kAttributes = AttributeRule::kUnsnapped;
 };
 
 }  // namespace rungs
 }  // namespace bigtri
 
-// The rungs that are for drawing, the default first; their work can be counted (counters.h).
-#define BIGTRI_RUNGS(X) X(exact) X(subpixel4)
+// The rungs that are for drawing, presets first and of these the default; their work can be counted (counters.h).
+#define BIGTRI_RUNGS(X) X(exact) X(balanced) X(fast) X(subpixel4)
 
 // The rungs that show what an axis costs. Only a build with BIGTRI_LADDER=1 has them (setup.py).
 // clang-format off
 #define BIGTRI_LADDER(X) \
-  X(subpixel12) X(subpixel16) X(coverage_int64) X(coverage_float32) X(coverage_float32_fused) \
+  X(subpixel12) X(subpixel16) X(coverage_int64) X(coverage_int32) X(coverage_float32) X(coverage_float32_fused) \
   X(coverage_float32_canonical) X(coverage_float32_inclusive) X(coverage_float32_strict) \
   X(depth_float32_cell) X(depth_float32_vertex) X(depth_float32_barycentric) X(depth_fixed_cell) \
   X(depth_stored24) X(depth_stored16) X(depth_reversed) \
   X(mask_half_tile) X(mask_bounds) X(mask_none) \
   X(clip_float32) X(clip_none) \
-  X(attributes_float32) X(attributes_reciprocal) X(attributes_affine)
+  X(attributes_float32) X(attributes_reciprocal) X(attributes_affine) X(attributes_unsnapped)
 // clang-format on

@@ -15,7 +15,7 @@ struct Record : Places {  // 96 bytes, 104 on the GPU; with places 24 more
   float z[3];  // window depth of the vertices
   uint32_t triangle;  // index of the parent triangle
   Divisor area;  // twice the area, subpx^2, > 0
-  double dzdx, dzdy;  // depth plane: window depth per px
+  DepthNumber dzdx, dzdy;  // depth plane: window depth per px
   float zmin, zmax;  // of z
   int32_t x0, y0, x1, y1;  // bbox, px, half-open
   uint32_t flags;  // kRecordLarge | kRecordThin | kRecordFar

@@ -8,9 +8,23 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
+// The parent's vertices as they were given, clip space, where the rung's attributes need them; else nothing.
+template <bool kHas>
+struct CornersOf {};
+template <>
+struct CornersOf<true> {
+  float given[3][4];
+};
+using Corners = CornersOf<Rung::kAttributes == AttributeRule::kUnsnapped>;
+BIGTRI_HD void set_corners(const float[3][4], CornersOf<false>*) {}
+BIGTRI_HD void set_corners(const float v[3][4], CornersOf<true>* out) {
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < 4; ++i) out->given[k][i] = v[k][i];
+}
+
 // The records of a parent triangle in fan order, with the values that barycentrics are computed from.
 template <int kRecords>
-struct ParentOf {
+struct ParentOf : Corners {
   int count;  // records
   bool clipped;
   bool affine;                     // not clipped, and all w equal: no perspective correction
@@ -60,13 +74,13 @@ BIGTRI_HD void set_places(const float v[3][4], const Viewport& view, const int32
     out->py[k] = place_y(v[order[k]], view.height);
   }
 }
-BIGTRI_HD void set_fan_places(const Fan&, int, const Viewport&, const int32_t[3], PlacesOf<false>*) {}
-BIGTRI_HD void set_fan_places(const Fan& fan, int s, const Viewport& view, const int32_t order[3],
-                              PlacesOf<true>* out) {
+BIGTRI_HD void set_fan_places(const ClipVertex*, int, int, int, const Viewport&, const int32_t[3], PlacesOf<false>*) {}
+BIGTRI_HD void set_fan_places(const ClipVertex* polygon, int apex, int count, int s, const Viewport& view,
+                              const int32_t order[3], PlacesOf<true>* out) {
   int index[3];
-  fan_vertices(fan.apex, fan.count, s, index);
+  fan_vertices(apex, count, s, index);
   for (int k = 0; k < 3; ++k) {
-    const ClipVertex& source = fan.polygon[pick(index, order[k])];
+    const ClipVertex& source = polygon[pick(index, order[k])];
     float v[4];
     for (int i = 0; i < 4; ++i) v[i] = (float)source.position[i];
     out->px[k] = source.made ? (float)place_x(source.position, view.width) : place_x(v, view.width);
@@ -86,6 +100,7 @@ BIGTRI_HD bool expand_whole(const float v[3][4], const Vertex projected[3], cons
     y[k] = projected[k].y;
     z[k] = projected[k].z;
   }
+  set_corners(v, out);
   out->clipped = false;
   out->affine = v[0][3] == v[1][3] && v[1][3] == v[2][3];
   out->count = make_primitive(x, y, z, view, &out->primitive[0]) ? 1 : 0;
@@ -110,13 +125,14 @@ BIGTRI_HD Fate expand_parent(const float v[3][4], const Vertex projected[3], con
   } else if (fate == Fate::kClip) {
     Fan fan;
     make_fan(v, (f0 | f1 | f2) & kOutsideMask, view.width, view.height, &fan);
+    set_corners(v, out);
     out->clipped = true;
     out->affine = false;
     out->first = fan.first;
     for (int s = 0; s + 2 < fan.count; ++s) {
       if (!fan_primitive(fan.projected, fan.apex, fan.count, s, view, &out->primitive[out->count])) continue;
       Primitive& made = out->primitive[out->count];
-      set_fan_places(fan, s, view, made.order, &made);
+      set_fan_places(fan.polygon, fan.apex, fan.count, s, view, made.order, &made);
       set_fan_weights(fan.polygon, fan.apex, fan.count, s, out->count, out);
       ++out->count;
     }

@@ -95,7 +95,7 @@ BIGTRI_HD float vertex_depth(T z_by_w) {
 // 1995, "When is double rounding innocuous?").
 BIGTRI_HD float float_quotient(float z, const Divisor& w) {
 #if defined(__CUDA_ARCH__)
-  return (float)quotient(z, w);
+  return (float)quotient((double)z, w);
 #else
   return z / (float)w.value;
 #endif

@@ -47,7 +47,7 @@ BIGTRI_HD float decode_srgb(int code) {
 // 1 / (255 * 12.92) > 1 / 4096 apart, the distance in the dark, so that a step holds one of them at most.
 constexpr int kSrgbSteps = 4096;
 struct SrgbTable {
-  float thresholds[256];  // ascending, the last one infinite
+  float thresholds[256];  // ascending; the last one is a NaN, which no value reaches, not even an infinity
   uint8_t start[kSrgbSteps + 1];  // start[k]: how many thresholds are <= k / kSrgbSteps
 };
 
@@ -68,7 +68,7 @@ BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds) {
 }
 
 inline void fill_srgb_table(const float thresholds[255], SrgbTable* table) {
-  for (int i = 0; i < 256; ++i) table->thresholds[i] = i < 255 ? thresholds[i] : kInfinity;
+  for (int i = 0; i < 256; ++i) table->thresholds[i] = i < 255 ? thresholds[i] : kNotANumber;
   for (int k = 0, from = 0; k <= kSrgbSteps; ++k) {
     while (table->thresholds[from] <= (float)k / kSrgbSteps) ++from;
     table->start[k] = (uint8_t)from;

@@ -1,4 +1,4 @@
-// What the shading pass reads of a scene, the same for CPU and GPU; docs/numerics.md 16. The binding fills a Surface.
+// What the shading pass reads of a scene, the same for CPU and GPU; docs/numerics.md 18. The binding fills a Surface.
 // Effects that a plan leaves out are left out here: their arrays are null. Mirrors bigtri/reference/shade.py.
 #pragma once
 

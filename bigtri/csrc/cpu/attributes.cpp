@@ -1,5 +1,6 @@
 // The attribute pass: interpolates attributes at every pixel of a visibility buffer, row by row over threads. The
-// binding calls it through CpuRung::interpolate. Compiled once per rung, because it sets up the triangles again.
+// binding calls it through CpuRung::interpolate. Compiled once per rung, because it sets up the triangles again; and so
+// are the kernels of the shading pass, which the binding gets from here.
 
 #include <algorithm>
 
@@ -18,6 +19,9 @@ void interpolate_views(const AttributeJob& job, const Parallel& parallel) {
       kernels.interpolate_row(job, y / job.height, y % job.height, &scratch);
   });
 }
+
+const ShadeKernels& shade_kernels();
+const ShadeKernels& shade_kernels() { return current_kernels().shade; }
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -25,19 +25,20 @@ bool load_parent(const AttributeJob& job, const float* positions, int64_t triang
 }
 
 // Whether each pixel is tested by itself: where edge values do not fit float64, or do not decide coverage.
-constexpr bool kTestsRows = kFloatCoverage || Rung::kWideEdges;
-template <bool kTested>
-struct TestedRow {};
+constexpr bool kTestsRows = kFloatCoverage || Rung::kWideEdges || Rung::kWraps;
+// Which row of the image a record is in, where that is needed again.
+template <bool kKnown>
+struct PlacedRow {};
 template <>
-struct TestedRow<true> {
+struct PlacedRow<true> {
   int32_t y = 0;  // px
 };
-BIGTRI_INLINE void set_row(TestedRow<true>* row, int64_t y) { row->y = (int32_t)y; }
-BIGTRI_INLINE void set_row(TestedRow<false>*, int64_t) {}
+BIGTRI_INLINE void set_row(PlacedRow<true>* row, int64_t y) { row->y = (int32_t)y; }
+BIGTRI_INLINE void set_row(PlacedRow<false>*, int64_t) {}
 
 // A record in one row of the image. e_k at pixel x is start[k] + step[k] * x: integers below 2^53, so float64 is exact.
 // Edge k has the pixel inside if e_k >= least[k], which is 0 if the edge owns the samples on it, else 1.
-struct RowRecord : TestedRow<kTestsRows> {
+struct RowRecord : PlacedRow<kTestsRows || kUnsnappedWeights> {
   int record = -1;
   double start[3] = {}, step[3] = {}, least[3] = {};
   const float* source[3] = {};  // attributes of the corner that barycentric k belongs to; null without attributes
@@ -67,8 +68,8 @@ void begin_record(const AttributeJob& job, const float* attributes, const Parent
 // The edge values of n pixels of a row from x on, and whether the record covers them, one by one. The others repeat the
 // last one.
 template <int kRecords>
-BIGTRI_INLINE void test_eight(const ParentOf<kRecords>& parent, const TestedRow<true>& row, int record, int64_t x, int n,
-                              f64x8 e[3], bool covered[8]) {
+BIGTRI_INLINE void test_eight(const ParentOf<kRecords>& parent, const PlacedRow<true>& row, int record, int64_t x,
+                              int n, f64x8 e[3], bool covered[8]) {
   const Primitive& p = parent.primitive[record];
   double value[3][8];
   for (int i = 0; i < 8; ++i) {
@@ -79,7 +80,20 @@ BIGTRI_INLINE void test_eight(const ParentOf<kRecords>& parent, const TestedRow<
   for (int k = 0; k < 3; ++k) e[k] = load<f64x8>(value[k]);
 }
 template <int kRecords>
-BIGTRI_INLINE void test_eight(const ParentOf<kRecords>&, const TestedRow<false>&, int, int64_t, int, f64x8[3], bool[8]) {}
+BIGTRI_INLINE void test_eight(const ParentOf<kRecords>&, const PlacedRow<false>&, int, int64_t, int, f64x8[3],
+                              bool[8]) {}
+
+// unsnapped_barycentrics of eight pixels of a row from x on.
+template <int kRecords>
+BIGTRI_INLINE void weigh_unsnapped(int width, int height, const ParentOf<kRecords>& parent, const PlacedRow<true>& row,
+                                   int record, int64_t x, f64x8 b[3]) {
+  if constexpr (kUnsnappedWeights)
+    unsnapped_barycentrics(parent, record, device_coordinate(load<f64x8>(kLaneDouble) + (double)x, (double)width),
+                           device_coordinate((double)(height - 1 - row.y), (double)height), b);
+}
+template <int kRecords>
+BIGTRI_INLINE void weigh_unsnapped(int, int, const ParentOf<kRecords>&, const PlacedRow<false>&, int, int64_t,
+                                   f64x8[3]) {}
 
 // float_barycentrics, in vectors of float64: b holds float32 values.
 template <int kRecords>
@@ -90,10 +104,11 @@ BIGTRI_INLINE void barycentrics_in_float(const ParentOf<kRecords>& parent, int r
   for (int k = 0; k < 3; ++k) b[k] = to_double(weight[k]);
 }
 
-// The weights of the pixels x to x + 7, all of one record, and which of the first n of them it covers.
+// The weights of the pixels x to x + 7, all of one record, and which of the first n of them it covers. width, height: of
+// the image.
 template <int kRecords>
-BIGTRI_INLINE void weigh_eight(const ParentOf<kRecords>& parent, const RowRecord& row, int64_t x, int n,
-                               f32x8 weight[3], bool covered[8]) {
+BIGTRI_INLINE void weigh_eight(int width, int height, const ParentOf<kRecords>& parent, const RowRecord& row, int64_t x,
+                               int n, f32x8 weight[3], bool covered[8]) {
   f64x8 e[3], b[3];
   for (int i = 0; i < 8; ++i) covered[i] = true;
   if constexpr (kTestsRows)
@@ -103,7 +118,9 @@ BIGTRI_INLINE void weigh_eight(const ParentOf<kRecords>& parent, const RowRecord
       e[k] = row.start[k] + (load<f64x8>(kLaneDouble) + (double)x) * row.step[k];
       for (int i = 0; i < 8; ++i) covered[i] &= e[k][i] >= row.least[k];
     }
-  if constexpr (kFloatWeights)
+  if constexpr (kUnsnappedWeights)
+    weigh_unsnapped(width, height, parent, row, row.record, x, b);
+  else if constexpr (kFloatWeights)
     barycentrics_in_float(parent, row.record, e, b);
   else
     barycentrics(parent, row.record, e, b);
@@ -116,7 +133,7 @@ void interpolate_eight(const AttributeJob& job, const Parent& parent, const RowR
                        float* out) {
   f32x8 weight[3];
   bool covered[8];
-  weigh_eight(parent, row, x, n, weight, covered);
+  weigh_eight(job.width, job.height, parent, row, x, n, weight, covered);
   for (int64_t c = 0; c < job.channels; ++c) {
     f32x8 v = weight[0];
     if (job.attributes)

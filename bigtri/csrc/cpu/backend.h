@@ -26,7 +26,29 @@ void use_isa(Isa isa);
 
 // --- The shading pass: from a visibility buffer to a picture
 
+struct ShadeJob;
+
+// Samples of one view that are shaded at a time: a rectangle of whole pixels, up to kBin samples a side where a pixel is
+// not wider.
+struct ShadeBlock {
+  int64_t view;
+  const int64_t* packed;  // of its first sample
+  int64_t pitch;  // packed values from one row to the next
+  int x, y, width, height;
+};
+
+// The kernels of the shading pass (shade.inl), of a rung and an instruction set.
+struct ShadeKernels {
+  // Prepares a worker's memory for a job: kShadeScratchBytes, 64-byte aligned.
+  void (*begin)(void* scratch);
+  void (*block)(const ShadeJob& job, const ShadeBlock& block, void* scratch);
+  // The background of `width` x `height` samples from (x, y) on, whole pixels; it may be wider than a block.
+  void (*background)(const ShadeJob& job, int64_t view, int x, int y, int width, int height);
+};
+constexpr int64_t kShadeScratchBytes = 192 * 1024;
+
 struct ShadeJob {
+  const ShadeKernels* kernels;
   const int64_t* packed;  // [views, H, W], the visibility buffer
   const float* positions;  // [views, V, 4] or [V, 4], clip space
   int64_t position_view;  // floats from one view's positions to the next view's; 0 if all views share them
@@ -34,13 +56,13 @@ struct ShadeJob {
   int64_t triangle_count;  // T
   int64_t views;
   int height, width;  // of the visibility buffer, px; multiples of samples
-  int samples;        // of a pixel of the picture along each axis
+  int samples;  // of a pixel of the picture along each axis
   Surface surface;
   const SrgbTable* srgb;
   const float *decoded8, *decoded16;  // what sRGB codes of textures stand for; decoded16 may be null without such
   const uint8_t* background;  // [H / samples, 4], sRGB and alpha: of each row of the picture (background_rows)
   uint8_t* image;  // out: [views, H / samples, W / samples, channels], sRGB
-  int channels;    // 3; or 4, with alpha, and then the background is transparent black
+  int channels;  // 3; or 4, with alpha, and then the background is transparent black
   // out, or null: [views, H, W, 3]; 0 on the background, but `linear`, which has the background's colour.
   float *albedo, *normals, *linear;
 };
@@ -129,7 +151,7 @@ struct CpuRung {
   const Variant* const* counting;  // the same variants, compiled with counters; null: the rung's work is not counted
   const Stages* stages;  // null: the rung's stages run on the reference alone
   void (*interpolate)(const AttributeJob& job, const Parallel& parallel);
-  void (*shade)(const ShadeJob& job, const Parallel& parallel);
+  const ShadeKernels& (*shade_kernels)();  // of the instruction set in use
 };
 
 // All rungs, the default first; ends with a null name.
@@ -144,6 +166,11 @@ void sample(const Code* texture, int height, int width, int64_t channels, const 
 void lambert(const float* normals, const float* albedo, const float* ambient, const float* directions,
              const float* colors, int64_t lights, int64_t count, float* out, const Parallel& parallel);
 void encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out, const Parallel& parallel);
+
+// Shades a whole visibility buffer.
+void shade_views(const ShadeJob& job, const Parallel& parallel);
+// One view of a job, as a job; packed is the caller's to set.
+ShadeJob view_of(const ShadeJob& job, int64_t view);
 
 // What ShadeJob::background points to, for a job that has all the rest.
 std::vector<uint8_t> background_rows(const ShadeJob& job);

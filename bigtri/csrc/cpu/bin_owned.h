@@ -4,7 +4,7 @@
 #pragma once
 
 #include "../core/record.h"
-#include "shade.h"
+#include "backend.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -81,7 +81,7 @@ struct BinOwnedKernels {
   int64_t (*bin)(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts);
   // Draws one bin and stores its pixels, or stores background to `bins` bins of a row that have no entries. bin, the
   // first, is numbered through all views; scratch is 64-byte aligned. If there is a picture to be made, shades what is
-  // finished; shade_scratch is for that (shade.h).
+  // finished; shade_scratch is for that (ShadeKernels).
   void (*raster_bins)(const RasterJob& job, int64_t bin, int bins, void* scratch, void* shade_scratch);
 };
 

@@ -8,13 +8,17 @@
 // nothing behind the record's farthest depth there can be seen. Only large records that are not far give bounds. Within
 // a block of records, bounds are gathered before pixels are drawn; later blocks of the pass keep them.
 //
+// A bound is a depth that is stored at some pixel, or a vertex depth, which all stored depths are clamped to. So it holds
+// for planes in float32 (the rung fast) as for those in float64: core/depth.h (corner_plane) has the proof, which asks
+// only that every rounding is monotone. What does not depend on the plane, masks, full tiles and the direct path of
+// small records, rests on integer coverage alone, which all rungs of this variant have.
+//
 // All tests against a bound are strict. A record is also tested against the bound that it gave itself, and one of
 // constant depth equals it. Another record of the same depth may win by its lower triangle index.
 #pragma once
 
 #include "depth.inl"
 #include "frame.inl"
-#include "shade.inl"
 #include "tile_mask.inl"
 
 namespace bigtri {
@@ -252,10 +256,10 @@ void raster_bins(const RasterJob& job, int64_t bin, int bins, void* memory, void
   if (list == end) {
     if (!begun) {
       store_background(job, patch);
-      if (shades) shade_background(*job.shade, view, patch.x, patch.y, patch.width, patch.height);
+      if (shades) job.shade->kernels->background(*job.shade, view, patch.x, patch.y, patch.width, patch.height);
     } else if (shades) {
       for (int x = 0; x < patch.width; x += kBin)
-        shade_block(
+        job.shade->kernels->block(
             *job.shade,
             {view, patch.packed + x, job.view.width, patch.x + x, patch.y, min_of(kBin, patch.width - x), patch.height},
             shade_memory);
@@ -268,7 +272,8 @@ void raster_bins(const RasterJob& job, int64_t bin, int bins, void* memory, void
   apply_scissor(job.view, patch, s->pixels);
   store_bin(job, patch, s->pixels);
   if (shades)
-    shade_block(*job.shade, {view, s->pixels, kBin, patch.x, patch.y, patch.width, patch.height}, shade_memory);
+    job.shade->kernels->block(*job.shade, {view, s->pixels, kBin, patch.x, patch.y, patch.width, patch.height},
+                              shade_memory);
 }
 
 }  // namespace

@@ -14,10 +14,25 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Null where the rung does without the variant; then none of its kernels is compiled.
+// Null where the rung does without the variant, or is drawn by another one's code; then none of the kernels is compiled.
 constexpr BinOwnedKernels bin_owned_kernels() {
   if constexpr (Rung::kBinOwned)
     return {.project = project, .setup = setup, .bin = bin_records, .raster_bins = raster_bins};
+  else
+    return {};
+}
+constexpr TwoStageKernels two_stage_kernels() {
+  if constexpr (Rung::kDraws)
+    return {.draw_bin = draw_bin};
+  else
+    return {};
+}
+constexpr StageKernels stage_kernels() {
+  if constexpr (Rung::kDraws)
+    return {.tile_mask = stage_tile_mask,
+            .scan_tiles = stage_scan_tiles,
+            .scan_rows = stage_scan_rows,
+            .depth = stage_depth};
   else
     return {};
 }
@@ -29,17 +44,14 @@ constexpr BinOwnedKernels bin_owned_kernels() {
   inline namespace BIGTRI_NAMESPACE {                                                                            \
   extern const Kernels kernels_##NAME;                                                                           \
   const Kernels kernels_##NAME = {bin_owned_kernels(),                                                           \
-                                  {.tile_mask = stage_tile_mask,                                                 \
-                                   .scan_tiles = stage_scan_tiles,                                               \
-                                   .scan_rows = stage_scan_rows,                                                 \
-                                   .depth = stage_depth},                                                        \
+                                  stage_kernels(),                                                               \
                                   {.interpolate_row = stage_interpolate_row,                                     \
                                    .sample = stage_sample<const float*>,                                         \
                                    .sample_codes8 = stage_sample<CodedTexels<uint8_t>>,                          \
                                    .sample_codes16 = stage_sample<CodedTexels<uint16_t>>,                        \
                                    .lambert = stage_lambert,                                                     \
                                    .encode_srgb = stage_encode_srgb},                                            \
-                                  {.draw_bin = draw_bin},                                                        \
+                                  two_stage_kernels(),                                                           \
                                   {.begin = shade_begin, .block = shade_block, .background = shade_background}}; \
   }
 

@@ -11,7 +11,6 @@
 #include "../core/tile_mask.h"
 #include "backend.h"
 #include "bin_owned.h"
-#include "shade.h"
 #include "two_stage.h"
 
 namespace bigtri {

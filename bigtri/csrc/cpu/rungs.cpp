@@ -11,7 +11,7 @@ namespace bigtri {
   extern const int32_t kGuardOfRung;                                         \
   extern const Stages* const kStages;                                        \
   void interpolate_views(const AttributeJob& job, const Parallel& parallel); \
-  void shade_views(const ShadeJob& job, const Parallel& parallel);           \
+  const ShadeKernels& shade_kernels();                                       \
   }
 #define BIGTRI_COUNTING_DECLARED(NAME)       \
   namespace NAME##_counting {                \
@@ -26,14 +26,14 @@ BIGTRI_LADDER(BIGTRI_RUNG_DECLARED)
 #undef BIGTRI_RUNG_DECLARED
 
 const CpuRung kCpuRungs[] = {
-#define BIGTRI_RUNG_LISTED(NAME)                                                         \
-  {#NAME,         NAME::kGuardOfRung,      NAME::kVariants,  NAME##_counting::kVariants, \
-   NAME::kStages, NAME::interpolate_views, NAME::shade_views},
+#define BIGTRI_RUNG_LISTED(NAME)                                                           \
+  {#NAME,         NAME::kGuardOfRung,      NAME::kVariants,    NAME##_counting::kVariants, \
+   NAME::kStages, NAME::interpolate_views, NAME::shade_kernels},
     BIGTRI_RUNGS(BIGTRI_RUNG_LISTED)
 #undef BIGTRI_RUNG_LISTED
 #if defined(BIGTRI_WITH_LADDER)
 #define BIGTRI_RUNG_LISTED(NAME) \
-  {#NAME, NAME::kGuardOfRung, NAME::kVariants, nullptr, NAME::kStages, NAME::interpolate_views, NAME::shade_views},
+  {#NAME, NAME::kGuardOfRung, NAME::kVariants, nullptr, NAME::kStages, NAME::interpolate_views, NAME::shade_kernels},
         BIGTRI_LADDER(BIGTRI_RUNG_LISTED)
 #undef BIGTRI_RUNG_LISTED
 #endif

@@ -5,7 +5,7 @@
 
 #include <algorithm>
 
-#include "../core/record.h"
+#include "../core/pixel_depth.h"
 #include "../core/resolve.h"
 #include "../core/scanline.h"
 #include "atomic.h"
@@ -24,13 +24,13 @@ void draw_row(const Record& r, int y, int64_t lower, int64_t upper, const Frame&
   CellPlane plane = {0, r.dzdx, r.dzdy};
   int cell = -1;
   for (int x = r.x0 + (int)lower; x < r.x0 + (int)upper; ++x) {
-    double z;
-    if (r.flags & kRecordThin) {
+    DepthNumber z;
+    if (is_thin(r)) {
       z = depth_at(r.x, r.y, r.z, r.area, x, y);
     } else {
       if (x / kBin != cell) plane.zcell = depth_at(r.x, r.y, r.z, r.area, x / kBin * kBin, y / kBin * kBin);
       cell = x / kBin;
-      z = plane_row<double>(plane.zcell, plane.dzdy, y % kBin) + plane_column<double>(plane.dzdx, x % kBin);
+      z = plane_row<DepthNumber>(plane.zcell, plane.dzdy, y % kBin) + plane_column<DepthNumber>(plane.dzdx, x % kBin);
     }
     keep_nearest_atomically(view.packed + (int64_t)y * view.view.width + x,
                             pack_fragment(finish_depth(z, r.zmin, r.zmax), r.triangle));

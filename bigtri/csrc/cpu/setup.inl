@@ -87,18 +87,18 @@ int set_up_eight(const Eight& t, int count, const Viewport& view, Record* record
   rotate(z, second & (two == 0), two);
   area = select<double, 8>(area < 0.0, splat<f64x8>(0.0) - area, area);
   // fill_record
-  f64x8 gx[3], gy[3], wide_z[3];
+  DepthLanes gx[3], gy[3], number_z[3];
   i32x8 length = splat<i32x8>(0);
   for (int k = 0; k < 3; ++k) {
     const int p = k == 2 ? 0 : k + 1, q = p == 2 ? 0 : p + 1;
     const i32x8 dx = x[q] - x[p], dy = y[q] - y[p];
-    gx[k] = to_double(dy) * -(double)kSubpixel;
-    gy[k] = to_double(dx) * (double)kSubpixel;
-    wide_z[k] = to_double(z[k]);
+    gx[k] = converted<DepthNumber>(dy) * -(DepthNumber)kSubpixel;
+    gy[k] = converted<DepthNumber>(dx) * (DepthNumber)kSubpixel;
+    number_z[k] = converted<DepthNumber>(z[k]);
     length = length + greatest(dx, splat<i32x8>(0) - dx) + greatest(dy, splat<i32x8>(0) - dy);
   }
-  const f64x8 dzdx = weighted_depth<f64x8>(gx[0], gx[1], gx[2], wide_z[0], wide_z[1], wide_z[2], area),
-              dzdy = weighted_depth<f64x8>(gy[0], gy[1], gy[2], wide_z[0], wide_z[1], wide_z[2], area);
+  const DepthLanes dzdx = weighted_depth<DepthLanes>(gx[0], gx[1], gx[2], number_z[0], number_z[1], number_z[2], area),
+                   dzdy = weighted_depth<DepthLanes>(gy[0], gy[1], gy[2], number_z[0], number_z[1], number_z[2], area);
   const f32x8 zmin = least(least(z[0], z[1]), z[2]), zmax = greatest(greatest(z[0], z[1]), z[2]);
   // A bbox has at most 2^28 px, and both sides of the thin test are integers below 2^54: float64 holds them exactly.
   const i32x8 large =

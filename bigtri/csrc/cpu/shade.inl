@@ -1,4 +1,4 @@
-// The kernel of the shading pass; docs/numerics.md 16. It finishes the pixels of a block of a visibility buffer: weights,
+// The kernel of the shading pass; docs/numerics.md 18. It finishes the pixels of a block of a visibility buffer: weights,
 // attributes, texture, vertex colour, light, sRGB. Called by shade.cpp for every block of an image, and by bin_owned.inl
 // for each bin that has been drawn. Compiled once per instruction set.
 //
@@ -8,7 +8,6 @@
 #pragma once
 
 #include "attributes.inl"
-#include "shade.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -172,7 +171,7 @@ void append_run(const ShadeJob& job, Shaded* t, int y, int x, int n, int at, Sha
       for (int k = 0; k < 3; ++k) weight[k] = splat<f32x8>(0.0f);
       if (record >= 0) {
         if (record != row.record) begin_edges(s->clipped, record, y, &row);
-        weigh_eight(s->clipped, row, x + i, same, weight, covered);
+        weigh_eight(job.width, job.height, s->clipped, row, x + i, same, weight, covered);
       }
       append(*t, weight, at + i, same, s);
     }
@@ -192,7 +191,7 @@ void append_run(const ShadeJob& job, Shaded* t, int y, int x, int n, int at, Sha
     RowRecord row;
     begin_edges(t->parent, 0, y, &row);
     for (int i = 0; i < n; i += 8) {
-      weigh_eight(t->parent, row, x + i, min_of(8, n - i), weight, covered);
+      weigh_eight(job.width, job.height, t->parent, row, x + i, min_of(8, n - i), weight, covered);
       append(*t, weight, at + i, min_of(8, n - i), s);
     }
   }
@@ -216,78 +215,101 @@ void append_row(const ShadeJob& job, int64_t view, const int64_t* packed, int y,
   }
 }
 
-// Sixteen texels of three channels each.
+// Fragments are shaded this many at a time, in steps that each go through all of them: what one step stores number by
+// number, the next loads by vectors, which a processor can do fast only when the stores are done.
+constexpr int kTogether = 64;
+
+// The texels around some fragments: where they are, what they hold, and how far the fragments lie from the first of them.
+struct Footprints {
+  int32_t x[2][kTogether], y[2][kTogether];
+  float tx[kTogether], ty[kTogether];
+  float texel[2][2][3][kTogether];  // by row, column, channel
+};
+
+// Fetches the texels of n fragments; of `sides` by `sides` texels each.
 template <class Source>
-BIGTRI_INLINE void fetch(const Source& source, int width, const i32x16& x, const i32x16& y, f32x16 out[3]) {
-  int32_t column[16], row[16];
-  float value[3][16];
-  store(column, x);
-  store(row, y);
-  for (int i = 0; i < 16; ++i) {
-    const int64_t texel = ((int64_t)row[i] * width + column[i]) * 3;
-    for (int c = 0; c < 3; ++c) value[c][i] = linear_at(source, texel + c);
-  }
-  for (int c = 0; c < 3; ++c) out[c] = load<f32x16>(value[c]);
+BIGTRI_INLINE void fetch(const Source& source, int width, int n, int sides, Footprints* f) {
+  for (int i = 0; i < n; ++i)
+    for (int row = 0; row < sides; ++row) {
+      const int64_t first = (int64_t)f->y[row][i] * width;
+      for (int column = 0; column < sides; ++column) {
+        const int64_t texel = (first + f->x[column][i]) * 3;
+        for (int c = 0; c < 3; ++c) f->texel[row][column][c][i] = linear_at(source, texel + c);
+      }
+    }
 }
 
 template <class Source>
-BIGTRI_INLINE void sample_sixteen(const Source& source, const Texture& t, const Look& look, f32x16 u, f32x16 v,
-                                  f32x16 out[3]) {
-  const Wrap wrap = look.bits & kLookClamp ? Wrap::kClamp : Wrap::kRepeat;
-  wrap_coordinates(&u, &v, wrap);
-  i32x16 x[2], y[2];
-  if (look.bits & kLookNearest) {
-    nearest_texel(t.height, t.width, u, v, x, y);
-    fetch(source, t.width, x[0], y[0], out);
-    return;
-  }
-  f32x16 tx, ty, near[2][2][3];
-  bilinear_texels(t.height, t.width, u, v, wrap, x, y, &tx, &ty);
-  for (int row = 0; row < 2; ++row)
-    for (int column = 0; column < 2; ++column) fetch(source, t.width, x[column], y[row], near[row][column]);
-  for (int c = 0; c < 3; ++c) {
-    const f32x16 of[2][2] = {{near[0][0][c], near[0][1][c]}, {near[1][0][c], near[1][1][c]}};
-    out[c] = bilinear(of, tx, ty);
-  }
-}
-
-BIGTRI_INLINE void sample_sixteen(const ShadeJob& job, const Look& look, const f32x16& u, const f32x16& v,
-                                  f32x16 out[3]) {
-  const Texture& t = job.surface.textures[look.texture];
-  if (t.kind == Texels::kCodes8)
-    sample_sixteen(CodedTexels<uint8_t>{(const uint8_t*)t.texels, job.decoded8}, t, look, u, v, out);
-  else if (t.kind == Texels::kCodes16)
-    sample_sixteen(CodedTexels<uint16_t>{(const uint16_t*)t.texels, job.decoded16}, t, look, u, v, out);
+BIGTRI_INLINE void fetch_all(const Source& source, int width, int n, int sides, Footprints* f) {
+  if (sides == 1)
+    fetch(source, width, n, 1, f);
   else
-    sample_sixteen((const float*)t.texels, t, look, u, v, out);
+    fetch(source, width, n, 2, f);
 }
 
-// Writes the first n of sixteen triples to their places in an image of three floats a sample, if there is one.
-BIGTRI_INLINE void scatter(float* image, const int32_t* at, int n, const f32x16 of[3]) {
-  if (!image) return;
-  for (int c = 0; c < 3; ++c) {
-    float value[16];
-    store(value, of[c]);
-    for (int i = 0; i < n; ++i) image[3 * (int64_t)at[i] + c] = value[i];
+// Multiplies the albedo of n fragments by their texels. u, v: their coordinates.
+void apply_texture(const ShadeJob& job, const Look& look, const float* u, const float* v, int n,
+                   float albedo[3][kTogether]) {
+  const Texture& t = job.surface.textures[look.texture];
+  const Wrap wrap = look.bits & kLookClamp ? Wrap::kClamp : Wrap::kRepeat;
+  const bool nearest = look.bits & kLookNearest;
+  Footprints f;
+  for (int i = 0; i < n; i += 16) {
+    f32x16 at_u = load<f32x16>(u + i), at_v = load<f32x16>(v + i), tx, ty;
+    i32x16 x[2], y[2];
+    wrap_coordinates(&at_u, &at_v, wrap);
+    if (nearest) {
+      nearest_texel(t.height, t.width, at_u, at_v, x, y);
+    } else {
+      bilinear_texels(t.height, t.width, at_u, at_v, wrap, x, y, &tx, &ty);
+      store(f.tx + i, tx);
+      store(f.ty + i, ty);
+    }
+    for (int k = 0; k < (nearest ? 1 : 2); ++k) {
+      store(f.x[k] + i, x[k]);
+      store(f.y[k] + i, y[k]);
+    }
   }
+  if (t.kind == Texels::kCodes8)
+    fetch_all(CodedTexels<uint8_t>{(const uint8_t*)t.texels, job.decoded8}, t.width, n, nearest ? 1 : 2, &f);
+  else if (t.kind == Texels::kCodes16)
+    fetch_all(CodedTexels<uint16_t>{(const uint16_t*)t.texels, job.decoded16}, t.width, n, nearest ? 1 : 2, &f);
+  else
+    fetch_all((const float*)t.texels, t.width, n, nearest ? 1 : 2, &f);
+  for (int i = 0; i < n; i += 16)
+    for (int c = 0; c < 3; ++c) {
+      const auto at = [&](int row, int column) { return load<f32x16>(f.texel[row][column][c] + i); };
+      f32x16 texel = at(0, 0);
+      if (!nearest) {
+        const f32x16 of[2][2] = {{texel, at(0, 1)}, {at(1, 0), at(1, 1)}};
+        texel = bilinear(of, load<f32x16>(f.tx + i), load<f32x16>(f.ty + i));
+      }
+      store(albedo[c] + i, load<f32x16>(albedo[c] + i) * texel);
+    }
 }
 
-// The sRGB codes of sixteen colours, written to the first n pixels.
-BIGTRI_INLINE void encode_sixteen(const ShadeJob& job, uint8_t* image, const int32_t* at, int n, const f32x16 of[3]) {
+// Writes n triples to their places in an image of three floats a sample, if there is one.
+BIGTRI_INLINE void scatter(float* image, const int32_t* at, int n, const float of[3][kTogether]) {
+  for (int i = 0; image && i < n; ++i)
+    for (int c = 0; c < 3; ++c) image[3 * (int64_t)at[i] + c] = of[c][i];
+}
+
+// Writes the sRGB codes of n colours to their pixels.
+BIGTRI_INLINE void encode_pixels(const ShadeJob& job, uint8_t* image, const int32_t* at, int n,
+                                 const float of[3][kTogether]) {
   const SrgbTable& table = *job.srgb;
-  int32_t step[3][16];
-  float value[3][16];
-  for (int c = 0; c < 3; ++c) {
-    const f32x16 zero = splat<f32x16>(0.0f), one = splat<f32x16>(1.0f);
-    const f32x16 inside = select(of[c] > 0.0f, select(of[c] > one, one, of[c]), zero);
-    store(step[c], to_int(inside * (float)kSrgbSteps));
-    store(value[c], of[c]);
-  }
+  int32_t step[3][kTogether];
+  for (int i = 0; i < n; i += 16)
+    for (int c = 0; c < 3; ++c) {
+      const f32x16 v = load<f32x16>(of[c] + i), one = splat<f32x16>(1.0f);
+      const f32x16 inside = select(v > 0.0f, select(v > one, one, v), splat<f32x16>(0.0f));
+      store(step[c] + i, to_int(inside * (float)kSrgbSteps));
+    }
   for (int i = 0; i < n; ++i) {
     uint8_t* pixel = image + job.channels * (int64_t)at[i];
     for (int c = 0; c < 3; ++c) {
       const int from = table.start[step[c][i]];
-      pixel[c] = (uint8_t)(from + (table.thresholds[from] <= value[c][i]));
+      pixel[c] = (uint8_t)(from + (table.thresholds[from] <= of[c][i]));
     }
     if (job.channels == 4) pixel[3] = 255;
   }
@@ -299,32 +321,43 @@ struct Targets {
   float *albedo, *normals, *linear;  // or null
 };
 
+// Shades fragments [i, i + n) of the lists, at most kTogether of one material.
+void shade_together(const ShadeJob& job, const Targets& to, const Segment& segment, int i, int n,
+                    const ShadeScratch& s) {
+  const Surface& f = job.surface;
+  const int32_t* at = s.at + i;
+  float albedo[3][kTogether], normal[3][kTogether], linear[3][kTogether];
+  for (int k = 0; k < n; k += 16)
+    for (int c = 0; c < 3; ++c) store(albedo[c] + k, splat<f32x16>(segment.base[c]));
+  if (segment.look.texture >= 0)
+    apply_texture(job, segment.look, s.channel[kUv] + i, s.channel[kUv + 1] + i, n, albedo);
+  for (int k = 0; k < n; k += 16) {
+    f32x16 base[3], direction[3], lit[3];
+    for (int c = 0; c < 3; ++c) {
+      base[c] = load<f32x16>(albedo[c] + k);
+      if (segment.look.bits & kLookVertexColors) base[c] = base[c] * load<f32x16>(s.channel[kColor + c] + i + k);
+      direction[c] = load<f32x16>(s.channel[kNormal + c] + i + k);
+    }
+    lambert(direction, base, f.ambient, f.light_directions, f.light_colors, f.lights, lit);
+    for (int c = 0; c < 3; ++c) {
+      store(albedo[c] + k, base[c]);
+      store(normal[c] + k, direction[c]);
+      store(linear[c] + k, lit[c]);
+    }
+  }
+  scatter(to.albedo, at, n, albedo);
+  scatter(to.normals, at, n, normal);
+  scatter(to.linear, at, n, linear);
+  if (to.image) encode_pixels(job, to.image, at, n, linear);
+}
+
 // Shades all fragments of the lists, and empties them.
 void shade_fragments(const ShadeJob& job, const Targets& to, ShadeScratch* s) {
-  const Surface& f = job.surface;
   for (int k = 0; k < s->segments; ++k) {
     const Segment& segment = s->segment[k];
     const int end = k + 1 < s->segments ? s->segment[k + 1].begin : s->count;
-    for (int i = segment.begin; i < end; i += 16) {
-      const int n = min_of(16, end - i);
-      const int32_t* at = s->at + i;
-      f32x16 albedo[3], normal[3], linear[3];
-      for (int c = 0; c < 3; ++c) albedo[c] = splat<f32x16>(segment.base[c]);
-      if (segment.look.texture >= 0) {
-        f32x16 texel[3];
-        sample_sixteen(job, segment.look, load<f32x16>(s->channel[kUv] + i), load<f32x16>(s->channel[kUv + 1] + i),
-                       texel);
-        for (int c = 0; c < 3; ++c) albedo[c] = albedo[c] * texel[c];
-      }
-      if (segment.look.bits & kLookVertexColors)
-        for (int c = 0; c < 3; ++c) albedo[c] = albedo[c] * load<f32x16>(s->channel[kColor + c] + i);
-      for (int c = 0; c < 3; ++c) normal[c] = load<f32x16>(s->channel[kNormal + c] + i);
-      lambert(normal, albedo, f.ambient, f.light_directions, f.light_colors, f.lights, linear);
-      scatter(to.albedo, at, n, albedo);
-      scatter(to.normals, at, n, normal);
-      scatter(to.linear, at, n, linear);
-      if (to.image) encode_sixteen(job, to.image, at, n, linear);
-    }
+    for (int i = segment.begin; i < end; i += kTogether)
+      shade_together(job, to, segment, i, min_of(kTogether, end - i), *s);
   }
   s->count = s->segments = 0;
 }

@@ -10,7 +10,7 @@
 
 #include <type_traits>
 
-#include "../core/numerics.h"
+#include "../core/depth.h"
 #include "../core/visibility.h"
 
 namespace bigtri {
@@ -35,6 +35,7 @@ using i64x8 = Lanes<int64_t, 8>;
 using f32x8 = Lanes<float, 8>;
 using f32x16 = Lanes<float, 16>;
 using f64x8 = Lanes<double, 8>;
+using DepthLanes = Lanes<DepthNumber, 8>;  // what depth planes are computed in
 
 // What a comparison of Lanes<T, N> gives: elements of T's width, all bits set where it holds.
 template <class T, int N>
@@ -102,11 +103,14 @@ BIGTRI_COMPARISON(>)
 BIGTRI_COMPARISON(==)
 #undef BIGTRI_COMPARISON
 
-// quotient (core/numerics.h) of each.
-template <class T, int N>
-BIGTRI_INLINE Lanes<T, N> quotient(const Lanes<T, N>& v, const Lanes<T, N>& by) {
-  return v / by;
+#if BIGTRI_SIMD >= 256
+// fused (core/coverage.h) of each.
+BIGTRI_INLINE f32x8 fused(const f32x8& a, const f32x8& b, const f32x8& c) {
+  f32x8 r;
+  r.part[0] = (f32x8::Vector)_mm256_fmsub_ps((__m256)a.part[0], (__m256)b.part[0], (__m256)c.part[0]);
+  return r;
 }
+#endif
 
 // A divisor of many quotients: correctly rounded as divisions are, but three times as fast with AVX2 and AVX-512, where
 // Markstein's theorem serves as it does on the GPU (Divisor in core/numerics.h). T is double, or a vector of doubles.
@@ -121,7 +125,7 @@ BIGTRI_INLINE FastDivisor<T> fast_divisor(const T& v) {
 }
 
 // a * b + c, rounded once.
-BIGTRI_INLINE f64x8 fused(const f64x8& a, const f64x8& b, const f64x8& c) {
+BIGTRI_INLINE f64x8 multiply_add(const f64x8& a, const f64x8& b, const f64x8& c) {
   f64x8 r;
 #if BIGTRI_SIMD >= 512
   r.part[0] = (f64x8::Vector)_mm512_fmadd_pd((__m512d)a.part[0], (__m512d)b.part[0], (__m512d)c.part[0]);
@@ -138,8 +142,8 @@ template <class T>
 BIGTRI_INLINE f64x8 quotient(const f64x8& v, const FastDivisor<T>& by) {
   const f64x8 negated = lanes_of(-1.0 * by.value), inverse = lanes_of(by.inverse);
   f64x8 q = v * inverse;
-  q = fused(fused(negated, q, v), inverse, q);
-  return fused(fused(negated, q, v), inverse, q);
+  q = multiply_add(multiply_add(negated, q, v), inverse, q);
+  return multiply_add(multiply_add(negated, q, v), inverse, q);
 }
 #else
 template <class T>
@@ -204,6 +208,15 @@ BIGTRI_INLINE Lanes<float, N> square_root(const Lanes<float, N>& v) {
 #endif
   }
   return r;
+}
+
+// inner_part and share_of (core/attributes.h) of each.
+BIGTRI_INLINE f64x8 inner_part(const f64x8& u, const f64x8& turn) {
+  const f64x8 none = splat<f64x8>(0.0), towards = select<double, 8>(turn < 0.0, none - u, u);
+  return select<double, 8>(towards > 0.0, towards, none);
+}
+BIGTRI_INLINE f64x8 share_of(const f64x8& v, const f64x8& sum) {
+  return select<double, 8>(sum == 0.0, splat<f64x8>(0.0), v / sum);
 }
 
 // min_of and max_of (core/platform.h) of each.
@@ -311,6 +324,12 @@ BIGTRI_INLINE i32x8 lower_half(const i64x8& v) {
 }
 
 // Rounds to nearest, half to even.
+BIGTRI_INLINE f32x8 to_float(const f32x8& v) { return v; }
+BIGTRI_INLINE f32x8 to_float(const i32x8& v) {
+  f32x8 r;
+  for (int i = 0; i < v.kParts; ++i) r.part[i] = __builtin_convertvector(v.part[i], f32x8::Vector);
+  return r;
+}
 BIGTRI_INLINE f32x8 to_float(const f64x8& v) {
   f32x8 r;
 #if BIGTRI_SIMD >= 512
@@ -323,6 +342,32 @@ BIGTRI_INLINE f32x8 to_float(const f64x8& v) {
   r = load<f32x8>(f);
 #endif
   return r;
+}
+
+// quotient (core/numerics.h) of each.
+template <class T, int N>
+BIGTRI_INLINE Lanes<T, N> quotient(const Lanes<T, N>& v, const Lanes<T, N>& by) {
+  return v / by;
+}
+BIGTRI_INLINE f32x8 quotient(const f32x8& v, const f64x8& by) { return v / to_float(by); }
+BIGTRI_INLINE f32x8 quotient(const f32x8& v, double by) { return v / (float)by; }
+
+// Each as a T, which is float or double; rounds to nearest, half to even.
+template <class T, class From>
+BIGTRI_INLINE Lanes<T, 8> converted(const Lanes<From, 8>& v) {
+  if constexpr (std::is_same_v<T, double>)
+    return to_double(v);
+  else
+    return to_float(v);
+}
+
+// 0, 1, ..., 7.
+template <class T>
+BIGTRI_INLINE Lanes<T, 8> lane_numbers() {
+  if constexpr (std::is_same_v<T, double>)
+    return load<f64x8>(kLaneDouble);
+  else
+    return converted<T>(load<i32x8>(kLaneInt));
 }
 
 // min_of(max_of(f, low), high) + 0.0f, as in finish_depth (core/depth.h).

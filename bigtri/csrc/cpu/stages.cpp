@@ -54,13 +54,15 @@ void binning(const int32_t* xy, const int32_t* bbox, int64_t records, int64_t th
 
 const StageKernels& kernels() { return current_kernels().stages; }
 
-constexpr Stages kAll = {setup, binning, kernels};
-
 }  // namespace
 
-// Null where coverage needs more of a record than the stages hand on.
+extern const Stages kStageFunctions;
+const Stages kStageFunctions = {setup, binning, kernels};
+
+// Null where coverage needs more of a record than the stages hand on, or where a row's covered pixels may lie apart, since
+// a small record gets one span a row.
 extern const Stages* const kStages;
-const Stages* const kStages = kUnsnapped ? nullptr : &kAll;
+const Stages* const kStages = kUnsnapped || Rung::kWraps ? nullptr : &kStageFunctions;
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

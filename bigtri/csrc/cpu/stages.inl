@@ -177,7 +177,7 @@ void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const i
         p.area = area[s[0]];
         p.x0 = p.y0 = p.x1 = p.y1 = 0;
         fill_record(p, 0, &r);
-        if constexpr (kDepthRule == DepthRule::kFloat64Cell)
+        if constexpr (kPlainPlane)
           cell_depth(r, (int)cell_x, (int)cell_y, &d);
         else
           ladder = depth_in_cell(r, (int)cell_x, (int)cell_y);
@@ -187,7 +187,7 @@ void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const i
       }
       const int i0 = (int)(x % kBin), j = s[1] % kBin;
       const int64_t n = min_of<int64_t>(min_of<int64_t>(8, s[3] - x), kBin - i0);
-      if constexpr (kDepthRule == DepthRule::kFloat64Cell) {
+      if constexpr (kPlainPlane) {
         const f32x8 v = clamp_depth(to_float(d.thin ? row_depth<true>(d, i0, j) : row_depth<false>(d, i0, j)),
                                     splat<f32x8>(d.zmin), splat<f32x8>(d.zmax));
         for (int64_t k = 0; k < n; ++k) out[k] = v[k];

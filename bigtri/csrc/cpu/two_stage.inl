@@ -17,11 +17,40 @@ namespace {
 // vectors of. i, j: the tile's first pixel in the bin; pixels: its first pixel.
 constexpr int kTilePixels = kTile * kTile;
 
+// Where a product is fused, pixels are tested in vectors of eight by an instruction for it: the compiler makes none of
+// fused(), whose library function may set errno. Without such an instruction they are tested one by one.
+#if BIGTRI_SIMD >= 256
+constexpr bool kFusedInVectors = Rung::kCoverage == CoverageRule::kFloat32Fused;
+
+// value_of(e, x, y) (core/coverage.h) of eight pixels of a row from x on.
+BIGTRI_INLINE f32x8 fused_values(const FloatEdge& e, int x, int y) {
+  const f32x8 right = (lane_numbers<float>() + ((float)x + 0.5f)) - e.x;
+  const float down = ((float)y + 0.5f) - e.y;
+  return fused(splat<f32x8>(e.dx), splat<f32x8>(down), e.dy * right);
+}
+
+BIGTRI_INLINE void test_fused(const FloatEdge edge[3], const Bin& bin, int i, int j, bool full,
+                              int32_t covered[kTilePixels]) {
+  for (int row = 0; row < kTile; ++row) {
+    i32x8 outside = splat<i32x8>(0);  // -1 where it is
+    for (int k = 0; k < 3; ++k)
+      outside = outside | (fused_values(edge[k], bin.left + i, bin.top + j + row) < edge[k].least);
+    store(covered + kTile * row, (outside + 1) | (int32_t)full);
+  }
+}
+#else
+constexpr bool kFusedInVectors = false;
+#endif
+BIGTRI_INLINE void test_fused(const void*, const Bin&, int, int, bool, int32_t[kTilePixels]) {}
+
 template <bool kThin>
 BIGTRI_INLINE void draw_tile(const Record& r, const DepthInCell& depth, const EdgesInBin& edges, int i, int j,
                              bool full, int64_t* pixels, int width) {
   int32_t covered[kTilePixels];
-  for (int p = 0; p < kTilePixels; ++p) covered[p] = full | is_inside(edges, i + p % kTile, j + p / kTile);
+  if constexpr (kFusedInVectors)
+    test_fused(edges.edge, edges.bin, i, j, full, covered);
+  else
+    for (int p = 0; p < kTilePixels; ++p) covered[p] = full | is_inside(edges, i + p % kTile, j + p / kTile);
   // Pixels of the bbox.
   const int left = r.x0 - edges.bin.left - i, right = r.x1 - edges.bin.left - i, top = r.y0 - edges.bin.top - j,
             bottom = r.y1 - edges.bin.top - j;

@@ -3,10 +3,13 @@
 #pragma once
 
 #define BIGTRI_CPU_VARIANTS_exact(X) X(bin_owned) X(scanline) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_balanced(X) X(bin_owned) X(scanline) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_fast(X) X(bin_owned) X(scanline) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_subpixel4(X) X(bin_owned) X(scanline) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_subpixel12(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_subpixel16(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_coverage_int64(X) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_coverage_int32(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_coverage_float32(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_coverage_float32_fused(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_coverage_float32_canonical(X) X(two_stage)
@@ -27,3 +30,4 @@
 #define BIGTRI_CPU_VARIANTS_attributes_float32(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_attributes_reciprocal(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_attributes_affine(X) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_attributes_unsnapped(X) X(two_stage)

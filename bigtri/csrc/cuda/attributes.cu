@@ -53,9 +53,13 @@ struct Weights {
 __device__ __forceinline__ Weights background() { return {{0.0f, 0.0f, 0.0f}, {-1, -1, -1}}; }
 
 __device__ __forceinline__ void weigh(const ParentOf<1>& parent, const Pixel& at, Weights* out) {
-  double e[3], b[3];
-  for (int k = 0; k < 3; ++k) e[k] = edge_at(parent.primitive[0], k, at.x, at.y);
-  barycentrics(parent, 0, e, b);
+  using Number = std::conditional_t<kFloatWeights, float, double>;
+  Number e[3], b[3];
+  for (int k = 0; k < 3; ++k) e[k] = (Number)edge_at(parent.primitive[0], k, at.x, at.y);
+  if constexpr (kFloatWeights)
+    float_barycentrics(parent, 0, e, b);
+  else
+    barycentrics(parent, 0, e, b);
   for (int k = 0; k < 3; ++k) {
     out->weight[k] = (float)b[k];
     out->corner[k] = corner_of(parent, 0, k);
@@ -183,8 +187,9 @@ __device__ __forceinline__ void weigh_clipped(const Clipped& c, const Viewport& 
   parent.first = c.first;
   const Primitive& p = parent.primitive[0];
   for (int s = 0; s + 2 < c.count; ++s) {
-    if (!fan_primitive(c.scratch.projected, c.apex, c.count, s, view, &parent.primitive[0]) || !covers(p, at.x, at.y))
-      continue;
+    if (!fan_primitive(c.scratch.projected, c.apex, c.count, s, view, &parent.primitive[0])) continue;
+    set_fan_places(c.scratch.polygon, c.apex, c.count, s, view, p.order, &parent.primitive[0]);
+    if (!covers(p, at.x, at.y)) continue;
     set_fan_weights(c.scratch.polygon, c.apex, c.count, s, 0, &parent);
     weigh(parent, at, out);
     return;

@@ -1,6 +1,7 @@
 // Clipping by a warp: core/clip.h a plane at a time, with a lane for each vertex of the polygon and one for each
 // component of a new vertex. A triangle that is clipped is rare, and what it takes is mostly the time until the code
-// for it has been fetched. So there is little of it: the exact sum of a component is there once, not four times.
+// for it has been fetched. So there is little of it: the exact sum of a component is there once, not four times. Where
+// the rung cuts in float32, a lane makes a whole vertex.
 #pragma once
 
 #include "setup.cuh"
@@ -9,6 +10,7 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
+constexpr bool kCutsInFloat = Rung::kClip == ClipRule::kFloat32;
 constexpr int kMostCut = kMaxPolygon / 2;  // edges of a polygon that can cross a plane, each with a new vertex
 
 // Shared memory of a warp that clips.
@@ -62,24 +64,37 @@ __device__ __forceinline__ int clip_polygon(const float v[3][4], int width, int 
     const Plane plane = clip_plane(k, width, height);
     __syncwarp();
     bool inside = false, crosses = false;
-    ClipVertex kept;
+    ClipVertex kept, cut;
     if (lane < n) {
       kept = s->polygon[lane];
-      inside = plane_distance(plane, kept.position) >= 0;
-      crosses = inside != (plane_distance(plane, s->polygon[lane + 1 == n ? 0 : lane + 1].position) >= 0);
+      const ClipVertex& next = s->polygon[lane + 1 == n ? 0 : lane + 1];
+      if constexpr (kCutsInFloat) {
+        const float here = float_distance(plane, kept.position), there = float_distance(plane, next.position);
+        inside = here >= 0;
+        crosses = inside != (there >= 0);
+        if (crosses) cut = cut_edge_in_float(k, kept, next, here, there);
+      } else {
+        inside = plane_distance(plane, kept.position) >= 0;
+        crosses = inside != (plane_distance(plane, next.position) >= 0);
+      }
     }
     const unsigned all_inside = __ballot_sync(kAllLanes, inside), all_crosses = __ballot_sync(kAllLanes, crosses);
-    make_vertices(plane, k, all_crosses, n, s);
+    if constexpr (!kCutsInFloat) make_vertices(plane, k, all_crosses, n, s);
     __syncwarp();  // all have read the polygon, and the new vertices are there
     const int number = __popc(all_crosses & lanes_below());
     int at = __popc(all_inside & lanes_below()) + number;
     if (inside) s->polygon[at++] = kept;
-    if (crosses) s->polygon[at] = s->made[number];
+    if (crosses) s->polygon[at] = kCutsInFloat ? cut : s->made[number];
     n = __popc(all_inside) + __popc(all_crosses);
   }
   __syncwarp();
   if (n < 3) return 0;
   if (__any_sync(kAllLanes, lane < n && !(s->polygon[lane].position[3] > 0))) return 0;
+  if constexpr (kCutsInFloat) {
+    bool finite = true;
+    for (int c = 0; c < 4; ++c) finite &= lane >= n || is_finite((float)s->polygon[lane].position[c]);
+    if (__any_sync(kAllLanes, !finite)) return 0;
+  }
   if (lane < n) s->projected[lane] = project_clipped(s->polygon[lane], width, height);
   __syncwarp();
   return n;
@@ -93,7 +108,10 @@ __device__ __noinline__ bool clip_part(const Frame& f, int32_t view, int32_t t, 
   for (int k = 0; k < 3; ++k) load_vertex(f, view * (f.view_stride / 4) + index[k], v[k]);
   const int n = clip_polygon(v, f.view.width, f.view.height, s);
   if (lane_id() > n - 3) return false;
-  return fan_primitive(s->projected, fan_apex(s->projected, s->polygon, n), n, lane_id(), f.view, out);
+  const int apex = fan_apex(s->projected, s->polygon, n);
+  if (!fan_primitive(s->projected, apex, n, lane_id(), f.view, out)) return false;
+  set_fan_places(s->polygon, apex, n, lane_id(), f.view, out->order, out);
+  return true;
 }
 
 }  // namespace

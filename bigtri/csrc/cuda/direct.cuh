@@ -2,62 +2,87 @@
 // record, makes 64-bit masks of its tiles, and draws these. Nothing waits, so nothing needs room.
 #pragma once
 
-#include "../core/tile_mask.h"
+#include "../core/coverage.h"
 #include "fragment.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
+// The edges of a record in a bin where the rung has integers in 32 bits and masks that ask the corners, as all variants
+// are made for; by core/coverage.h where it has others.
+struct NarrowEdges {
+  NarrowEdge edge[3];
+  Bin bin;
+};
+constexpr bool kNarrowEdges = !kFloatCoverage && !Rung::kWideEdges && kMaskRule == MaskRule::kCorners;
+using TileEdges = std::conditional_t<kNarrowEdges, NarrowEdges, EdgesInBin>;
+
+__device__ __forceinline__ bool edges_in_bin(const Record& r, int bin_x, int bin_y, NarrowEdges* e) {
+  e->bin = {bin_x * kBin, bin_y * kBin};
+  return narrow_edges(r, bin_x, bin_y, e->edge);
+}
+
+// Whether a tile is to be looked at, and whether it is known that all of its pixels are inside.
+struct TileTest {
+  bool any, all;
+};
+__device__ __forceinline__ TileTest test_tile(const NarrowEdges& e, int column, int row) {
+  TileTest t = {true, true};
+  for (int k = 0; k < 3; ++k) {
+    const int32_t f = tile_edge(e.edge[k], column, row);
+    t.any = t.any && f + tile_highest(e.edge[k]) >= 0;
+    t.all = t.all && f + tile_lowest(e.edge[k]) >= 0;
+  }
+  return t;
+}
+__device__ __forceinline__ TileTest test_tile(const EdgesInBin& e, int column, int row) {
+  return {touches_tile(e, column, row), fills_tile(e, column, row)};
+}
+
+__device__ __forceinline__ bool is_inside(const NarrowEdges& e, int i, int j) {
+  int32_t outside = 0;
+  for (int k = 0; k < 3; ++k) outside |= e.edge[k].f + i * e.edge[k].sx + j * e.edge[k].sy;
+  return outside >= 0;
+}
+
 struct TileMasks {
   uint64_t touched, full;
 };
 
 // All lanes: two tiles each.
-__device__ __forceinline__ TileMasks warp_tile_masks(const Record& r, const NarrowEdge edge[3], int bin_x, int bin_y) {
+__device__ __forceinline__ TileMasks warp_tile_masks(const Record& r, const TileEdges& edges) {
   unsigned touched[2], full[2];
   for (int half = 0; half < 2; ++half) {
     const int tile = lane_id() + kWarp * half, x = tile % 8, y = tile / 8;
-    bool any = true, all = true;
-    for (int k = 0; k < 3; ++k) {
-      const int32_t f = tile_edge(edge[k], x, y);
-      any = any && f + tile_highest(edge[k]) >= 0;
-      all = all && f + tile_lowest(edge[k]) >= 0;
-    }
-    touched[half] = __ballot_sync(kAllLanes, any);
-    full[half] = __ballot_sync(kAllLanes, all);
+    const TileTest test = test_tile(edges, x, y);
+    touched[half] = __ballot_sync(kAllLanes, test.any);
+    full[half] = __ballot_sync(kAllLanes, test.all);
   }
-  const uint64_t boxed = bbox_tiles(r.x0 - bin_x * kBin, r.y0 - bin_y * kBin, r.x1 - bin_x * kBin, r.y1 - bin_y * kBin);
-  return {((uint64_t)touched[1] << 32 | touched[0]) & boxed, (uint64_t)full[1] << 32 | full[0]};
+  return {((uint64_t)touched[1] << 32 | touched[0]) & allowed_tiles(r, edges.bin), (uint64_t)full[1] << 32 | full[0]};
 }
 
 // The record within one bin of a view, by a warp; a pixel is read first, since most of what large triangles draw is
 // hidden.
 __device__ __forceinline__ void warp_draw_bin(int64_t* pixels, int width, const Record& r, int bin_x, int bin_y) {
-  NarrowEdge edge[3];
-  if (!narrow_edges(r, bin_x, bin_y, edge)) return;
-  const TileMasks masks = warp_tile_masks(r, edge, bin_x, bin_y);
+  TileEdges edges;
+  if (!edges_in_bin(r, bin_x, bin_y, &edges)) return;
+  const TileMasks masks = warp_tile_masks(r, edges);
   if (!masks.touched) return;
-  const CellPlane plane = cell_plane(r, bin_x, bin_y);
-  const bool thin = r.flags & kRecordThin;
+  const DepthInCell depth = plane_in_cell(r, bin_x, bin_y);
+  const bool thin = is_thin(r);
   const int left = bin_x * kBin, top = bin_y * kBin;
   for (uint64_t todo = masks.touched; todo; todo &= todo - 1) {
     const int tile = __ffsll((long long)todo) - 1;
     const bool full = masks.full >> tile & 1;
     const int i = tile % 8 * kTile + (lane_id() & 7);
     if (left + i < r.x0 || left + i >= r.x1) continue;
-    const double column = plane_column<double>(plane.dzdx, i);
 #pragma unroll
     for (int half = 0; half < 2; ++half) {
       const int j = tile / 8 * kTile + (lane_id() >> 3) + 4 * half;
       if (top + j < r.y0 || top + j >= r.y1) continue;
-      if (!full) {
-        int32_t outside = 0;
-        for (int k = 0; k < 3; ++k) outside |= edge[k].f + i * edge[k].sx + j * edge[k].sy;
-        if (outside < 0) continue;
-      }
-      const float z = thin ? thin_depth(&r, left + i, top + j)
-                           : finish_depth(plane_row<double>(plane.zcell, plane.dzdy, j) + column, r.zmin, r.zmax);
+      if (!full && !is_inside(edges, i, j)) continue;
+      const float z = thin ? thin_depth(&r, left + i, top + j) : pixel_depth<false>(depth, i, j);
       keep_nearest(pixels + (int64_t)(top + j) * width + left + i, pack_fragment(z, r.triangle), true);
     }
   }

@@ -1,6 +1,7 @@
 // What every way to draw shares: a record within one bin, and the atomic minimum on a pixel.
 #pragma once
 
+#include "../core/pixel_depth.h"
 #include "setup.cuh"
 
 namespace bigtri {
@@ -132,7 +133,7 @@ __device__ __forceinline__ float bound_depth(const Entry& e, int x, int y, int l
 
 // Depth of pixel (x, y) of the image of a thin record. A call, so that its registers cost the others nothing.
 __device__ __noinline__ float thin_depth(const Record* r, int x, int y) {
-  return finish_depth(depth_at(r->x, r->y, r->z, r->area, x, y), r->zmin, r->zmax);
+  return stored_depth(finish_depth(depth_at(r->x, r->y, r->z, r->area, x, y), r->zmin, r->zmax));
 }
 
 // 1 / v, off by 2^-23 of it at most; infinite for 0.

@@ -27,6 +27,11 @@ namespace bigtri {
     "may show; 0: by the image and the number of triangles",                                                         \
     0, 0, 1024, kShares)
 
+#define BIGTRI_ROWS_PARAMETER(X)                                                                                      \
+  X(rows, "",                                                                                                         \
+    "1: triangles that fit are drawn by rows at set-up; 0: all wait, as they always do with a rung of the ladder", 1, \
+    0, 1)
+
 // From a variant's list, X(name, unit, what it is, standard, lowest, highest[, the only ones allowed]) for each, in the
 // variant's namespace: the parameters, and their values by name.
 #define BIGTRI_PARAMETER(NAME, ...) {#NAME, __VA_ARGS__},

@@ -15,6 +15,9 @@ namespace bigtri {
   cudaError_t shade_cuda(const Shading& job, void* scratch, cudaStream_t stream);         \
   }
 BIGTRI_RUNGS(BIGTRI_OF_RUNG)
+#if defined(BIGTRI_WITH_LADDER)
+BIGTRI_LADDER(BIGTRI_OF_RUNG)
+#endif
 #undef BIGTRI_OF_RUNG
 
 const CudaRung kCudaRungs[] = {
@@ -22,8 +25,11 @@ const CudaRung kCudaRungs[] = {
   {#RUNG,           RUNG::kCudaVariants, RUNG::interpolate_cuda, RUNG::shading_scratch, RUNG::begin_shading_cuda, \
    RUNG::shade_cuda},
     BIGTRI_RUNGS(BIGTRI_LISTED)
+#if defined(BIGTRI_WITH_LADDER)
+        BIGTRI_LADDER(BIGTRI_LISTED)
+#endif
 #undef BIGTRI_LISTED
-        {nullptr, nullptr, nullptr, nullptr, nullptr, nullptr},
+            {},
 };
 
 }  // namespace bigtri

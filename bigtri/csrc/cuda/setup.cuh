@@ -4,6 +4,7 @@
 #include <cuda_runtime.h>
 
 #include "../core/record.h"
+#include "../core/resolve.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -121,7 +122,20 @@ __device__ __forceinline__ Fate set_up(const Frame& f, int32_t t, Primitive* p) 
   for (int k = 0; k < 3; ++k) load_vertex(f, index[k], corner[k]);
   Vertex v[3];
   for (int k = 0; k < 3; ++k) v[k] = project_vertex(corner[k], f.view.width, f.view.height);
-  return assemble(f, v, p);
+  const Fate fate = assemble(f, v, p);
+  if (fate == Fate::kWhole) set_places(corner, f.view, p->order, p);
+  return fate;
+}
+
+// Sets the places of a primitive of triangle t, which assemble() made of vertices that it knows projected only, from the
+// vertices themselves. first_vertex: of its view.
+__device__ __forceinline__ void load_places(const Frame& f, int64_t first_vertex, int32_t t, Primitive* p) {
+  int32_t index[3];
+  load_indices(f, t, index);
+  float v[3][4];
+  for (int k = 0; k < 3; ++k) load_vertex(f, first_vertex + pick(index, p->order[k]), v[k]);
+  const int32_t in_order[3] = {0, 1, 2};
+  set_places(v, f.view, in_order, p);
 }
 
 // The corners of all triangles, by `threads` threads: where triangles are few, three threads for one take a third of

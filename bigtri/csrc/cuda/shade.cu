@@ -1,4 +1,4 @@
-// The shading pass over a visibility buffer on the GPU; docs/numerics.md 16. Mirrors bigtri/reference/shade.py.
+// The shading pass over a visibility buffer on the GPU; docs/numerics.md 18. Mirrors bigtri/reference/shade.py.
 
 #include "shade.h"
 

@@ -155,11 +155,12 @@ struct Filed {
   int rows, rest;
 };
 
-// Puts the lanes' primitives in their places in shared memory; have: whether this lane has one. By all lanes; ends with
-// a barrier of the warp.
+// Puts the lanes' primitives in their places in shared memory; have: whether this lane has one. kRows: whether any is
+// drawn by rows. By all lanes; ends with a barrier of the warp.
+template <bool kRows>
 __device__ __forceinline__ Filed file(const Primitive& p, int64_t triangle, int32_t view, bool have, int widest,
                                       WarpShared* s) {
-  const bool by_rows = have && fits_rows(p, widest);
+  const bool by_rows = kRows && have && fits_rows(p, widest);
   const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, have && !by_rows);
   if (by_rows) make_row_triangle(p, (uint32_t)triangle, &s->triangle[__popc(rows & lanes_below())]);
   if (have && !by_rows) {
@@ -179,17 +180,18 @@ __device__ __noinline__ Filed file_left(const Frame& f, int32_t view, int count,
   const Primitive p = left.primitive();
   const int32_t t = left.t;
   __syncwarp();
-  return file(p, f.first_triangle + t, view, have, widest, s);
+  return file<true>(p, f.first_triangle + t, view, have, widest, s);
 }
 
 // Clips triangle t of a view and files the parts. By all lanes. Rarely called, so that its registers cost the others
 // nothing.
+template <bool kRows>
 __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_t t, int widest, WarpShared* s) {
   __syncwarp();
   Primitive part;
   const bool have = clip_part(f, view, t, &s->clip, &part);
   __syncwarp();
-  return file(part, f.first_triangle + t, view, have, widest, s);
+  return file<kRows>(part, f.first_triangle + t, view, have, widest, s);
 }
 
 // Adds triangles to a view's number of those dropped. By all lanes. Rarely called.
@@ -269,7 +271,7 @@ __device__ __forceinline__ unsigned clips_of(unsigned all, int warp) {
 template <Way kWay, class Rest>
 __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected, int widest,
                                            ShareShared<kWay>* shared, const Rest& rest) {
-  constexpr bool kTogether = kWay == Way::kTogether;
+  constexpr bool kTogether = kWay == Way::kTogether, kRows = kWay != Way::kQueued;
   constexpr int kWarps = block_warps(kWay);
   const int warp = computed_here((int)(threadIdx.x / kWarp));
   WarpShared* const s = &shared->warp[warp];
@@ -315,19 +317,21 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
         else
           own_corners(f, first_vertex, t, v);
         fate = assemble(f, v, &p);
+        if constexpr (kUnsnapped)
+          if (fate == Fate::kWhole) load_places(f, first_vertex, t, &p);
       }
       clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
       const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
       if (dropped) count_dropped(f, share.view, dropped);
       const bool have = fate == Fate::kWhole;
-      const bool small = !kTogether && have && is_small(p);
-      if (!kTogether && __popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
+      const bool small = kRows && !kTogether && have && is_small(p);
+      if (kRows && !kTogether && __popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
         const unsigned left = __ballot_sync(kAllLanes, have && !small);
         if (have && !small) s->left[__popc(left & lanes_below())].put(p, t);
         draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
         if (left) filed = file_left(f, share.view, __popc(left), widest, s);
       } else if (__any_sync(kAllLanes, have)) {
-        filed = file(p, f.first_triangle + t, share.view, have, widest, s);
+        filed = file<kRows>(p, f.first_triangle + t, share.view, have, widest, s);
       }
     }
     // This warp draws triangles of warps owner, ..., owners - 1, and of their rows 32 at first, first + step, ...
@@ -362,7 +366,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
 #pragma unroll 1
       do {
         const int count = shared_rows ? shared->row_counts[owner] : filed.rows;
-        if (count == 0) continue;
+        if (!kRows || count == 0) continue;
         const int rows = draw_rows(pixels, f.view.width, shared->warp[owner].triangle, count, first, step, &s->rows);
         // The next warp's rows go on where these end.
         if (kWay == Way::kEven && shared_rows)
@@ -376,7 +380,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       if (kWay == Way::kEven && shared_rows) __syncthreads();
       if (!clip) break;
       const int number = __ffs(clip) - 1;
-      filed = clip_and_file(
+      filed = clip_and_file<kRows>(
           f, share.view, kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), widest, s);
       clip &= clip - 1;
       shared_rows = false;

@@ -1,6 +1,7 @@
 // The two-stage variant: set-up puts the pairs of (large record, bin) into one global queue; then warps take them,
 // first come, first served, make the 64-bit masks of the bin's tiles, and draw the tiles with an atomic minimum a
-// fragment, the pixel read first. Small triangles are drawn at set-up.
+// fragment, the pixel read first. Small triangles are drawn at set-up, by rows, or where the caller or the rung has it
+// so, wait like the others.
 
 #include "clear.h"
 #include "depth_image.h"
@@ -16,8 +17,14 @@ namespace {
   BIGTRI_BLOCKS_PARAMETER(X) \
   BIGTRI_QUEUE_PARAMETER(X)  \
   BIGTRI_WIDEST_PARAMETER(X) \
-  BIGTRI_SHARE_PARAMETER(X)
+  BIGTRI_SHARE_PARAMETER(X)  \
+  BIGTRI_ROWS_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
+
+// Rows rest on what bin_owned rests on: edges in int32 over a bounding box, and planes in float64.
+constexpr bool kHasRows = Rung::kBinOwned;
+static_assert(!kHasRows || (!kFloatCoverage && !Rung::kWideEdges && kDepthRule == DepthRule::kFloat64Cell),
+              "what is drawn by rows has the rung's bits");
 
 enum Counter { kRecordCount, kPairCount, kNextPair, kCounters };
 
@@ -53,8 +60,8 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, cons
   const BinBox bins = bin_box(r);
   for (int base = 0; base < bins.count; base += kWarp) {
     const int i = base + lane_id(), x = bins.x + i % bins.columns, y = bins.y + i / bins.columns;
-    NarrowEdge edge[3];
-    const bool kept = i < bins.count && narrow_edges(r, x, y, edge);
+    TileEdges edges;
+    const bool kept = i < bins.count && edges_in_bin(r, x, y, &edges);
     const unsigned all = __ballot_sync(kAllLanes, kept);
     if (!all) continue;
     uint32_t at = 0;
@@ -114,23 +121,34 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
+// kRows: whether the rung has the kernels that draw by rows.
+template <bool kRows>
 cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   Queue q = take_queue(&scratch, f, v);
   Sharing sharing;
   int64_t set_up_blocks;
-  BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kEven>, f, q.projected, v.share, nullptr, &sharing,
-                              &set_up_blocks, stream));
-  const Way way = way_of(sharing.each);
+  Way way = Way::kQueued;
+  if constexpr (kRows)
+    if (v.rows) {
+      BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kEven>, f, q.projected, v.share, nullptr, &sharing,
+                                  &set_up_blocks, stream));
+      way = way_of(sharing.each);
+    }
+  if (way == Way::kQueued)
+    BIGTRI_CUDA(share_queued(set_up_and_enqueue<Way::kQueued>, f, v.share, &sharing, &set_up_blocks));
   if (way == Way::kTogether) q.projected = nullptr;  // blocks project corners while the image is cleared
   BIGTRI_CUDA(launch_clear(f, q.projected, Zeros::of(q.counters, kCounters), stream));
   if (f.count > 0) {
     int blocks;
     const int widest = widest_rows(f, way, v.widest);
-    BIGTRI_CUDA(with_way(way, [&](auto of) {
+    const auto set_up = [&](auto of) {
       return launch_next(set_up_and_enqueue<of.value>, set_up_blocks, block_threads(of.value), 0, stream, f, q, sharing,
                          widest);
-    }));
+    };
+    if (way == Way::kQueued) BIGTRI_CUDA(set_up(WayOf<Way::kQueued>()));
+    if constexpr (kRows)
+      if (way != Way::kQueued) BIGTRI_CUDA(with_way(way, set_up));
     BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, v.blocks, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
   }
@@ -145,7 +163,7 @@ int64_t scratch_bytes(const Frame& f, const int64_t* values) {
 
 cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
   const Values v = Values::of(values);
-  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, memory, stream); });
+  return each_view(frame, [&](const Frame& f) { return draw_view<kHasRows>(f, v, memory, stream); });
 }
 
 }  // namespace

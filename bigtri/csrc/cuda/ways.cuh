@@ -17,6 +17,7 @@ enum class Way {
   // far more to draw than they
   kApart,  // the same, and none helps
   kTested,  // each warp tests many, and draws those that may show, 32 at a time
+  kQueued,  // each warp sets up its own, 32 at most, and draws none: all are left to the caller
 };
 
 // Warps of a block. A block's place is free for the next one only when its last warp is done, so that warps that do not
@@ -29,7 +30,7 @@ BIGTRI_HD constexpr int blocks_held(Way way) { return 32 / block_warps(way); }
 constexpr int kMostBatches = 8;  // of 32 triangles, that a warp tests
 // Triangles of a block, which say what way it goes: up to kWarp together.
 constexpr int kOfEven = block_threads(Way::kEven), kOfApart = block_threads(Way::kApart),
-              kOfTested = kMostBatches * block_threads(Way::kTested);
+              kOfTested = kMostBatches * block_threads(Way::kTested), kOfQueued = block_threads(Way::kQueued);
 constexpr int64_t kShares[] = {0, 4, 8, 16, kWarp, kOfApart, kOfEven, kOfTested, -1};
 constexpr Way way_of(int64_t each) {
   return each <= kWarp ? Way::kTogether : each == kOfEven ? Way::kEven : each == kOfApart ? Way::kApart : Way::kTested;
@@ -87,12 +88,25 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   return cudaSuccess;
 }
 
+// The same for kQueued: no more triangles for a warp than leave another one of the device without any. kernel: its own.
+template <class Kernel>
+cudaError_t share_queued(Kernel kernel, const Frame& f, int64_t each, Sharing* s, int64_t* blocks) {
+  int resident;
+  BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), block_threads(Way::kQueued), 0, &resident));
+  s->each = each > 0 ? (int)min_of<int64_t>(each, kOfQueued) : block_warps(Way::kQueued);
+  while (each == 0 && s->each < kOfQueued && f.count > (int64_t)resident * s->each) s->each *= 2;
+  s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
+  s->ranges = nullptr;
+  *blocks = max_of<int64_t>(1, s->blocks);
+  return cudaSuccess;
+}
+
 template <Way kWay>
 struct WayOf {
   static constexpr Way value = kWay;
 };
 
-// Calls launch(WayOf<the way>()), for the instance of a kernel.
+// Calls launch(WayOf<the way>()), for the instance of a kernel; of the ways that draw.
 template <class Launch>
 cudaError_t with_way(Way way, const Launch& launch) {
   switch (way) {

@@ -81,9 +81,9 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
                   const Tensor& material, const Tensor& looks, const Tensor& base_colors,
                   const std::vector<Tensor>& textures, const Tensor& light_directions, const Tensor& light_colors,
                   const Tensor& constants, bool two_sided, const Tensor& thresholds, const std::string& precision,
-                  const Tensor& image, const std::optional<Tensor>& albedo, const std::optional<Tensor>& normal_image,
-                  const std::optional<Tensor>& linear, const std::optional<Tensor>& packed,
-                  const std::optional<Tensor>& depth, const Tensor& dropped) {
+                  const std::vector<int64_t>& parameters, const Tensor& image, const std::optional<Tensor>& albedo,
+                  const std::optional<Tensor>& normal_image, const std::optional<Tensor>& linear,
+                  const std::optional<Tensor>& packed, const std::optional<Tensor>& depth, const Tensor& dropped) {
   const char* op = "draw";
   Frame frame = {};
   frame.view = viewport(op, height, width, cull, {0, 0, width, height});
@@ -112,7 +112,7 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   std::optional<Tensor> buffer;
   if (!packed) buffer = scratch_of(frame.views * height * width * (int64_t)sizeof(int64_t), device);
   frame.packed = static_cast<int64_t*>((packed ? *packed : *buffer).mutable_data_ptr());
-  const std::vector<int64_t> values = checked_parameters(op, variant, {});
+  const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
   const Tensor drawing = scratch_of(variant.scratch_bytes(frame, values.data()), device);
   shading.job.packed = frame.packed;
   shading.job.next = true;

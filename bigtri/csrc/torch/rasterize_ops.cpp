@@ -127,7 +127,8 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
       "draw(Tensor positions, Tensor triangles, int height, int width, str cull, Tensor? uvs, Tensor? colors, Tensor? "
       "normals, Tensor? face_normals, Tensor material, Tensor looks, Tensor base_colors, Tensor[] textures, Tensor "
       "light_directions, Tensor light_colors, Tensor constants, bool two_sided, Tensor thresholds, str precision, "
-      "Tensor(a!) image, Tensor(b!)? albedo, Tensor(c!)? normal_image, Tensor(d!)? linear, Tensor(e!)? packed, "
+      "int[] parameters, Tensor(a!) image, Tensor(b!)? albedo, Tensor(c!)? normal_image, Tensor(d!)? linear, "
+      "Tensor(e!)? packed, "
       "Tensor(f!)? depth, Tensor(g!) dropped) -> ()");
 }
 

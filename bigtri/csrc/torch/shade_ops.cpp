@@ -18,12 +18,13 @@ struct CheckedShading {
 
 // Checks the surface and the picture against positions [B, V, 4] and triangles, whose indices have been checked, and fills
 // the job but for packed. height and width: those of the visibility buffer.
-void check_shading(const char* op, const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
-                   const SurfaceTensors& surface, const Tensor& thresholds, const PictureTensors& picture,
-                   CheckedShading* out) {
+void check_shading(const char* op, const CpuRung& rung, const Tensor& positions, const Tensor& triangles,
+                   int64_t height, int64_t width, const SurfaceTensors& surface, const Tensor& thresholds,
+                   const PictureTensors& picture, CheckedShading* out) {
   const Parallel parallel = torch_threads();
   ShadeJob& job = out->job;
   const int64_t views = positions.size(0);
+  job.kernels = &rung.shade_kernels();
   job.surface = checked_surface(op, kCpu, surface, positions.size(1), triangles.size(0), &out->textures);
   check(op, "thresholds", thresholds, ScalarType::Float, {255}, "float32 [255]");
   job.samples = (int)checked_picture(op, kCpu, picture, views, height, width);
@@ -64,14 +65,14 @@ void shade_op(const Tensor& packed, const Tensor& positions, const Tensor& trian
   const Parallel parallel = torch_threads();
   checked_frame(op, parallel, triangles, positions.size(1));
   CheckedShading shading;
-  check_shading(op, positions, triangles, packed.size(1), packed.size(2),
+  check_shading(op, rung, positions, triangles, packed.size(1), packed.size(2),
                 {uvs, colors, normals, face_normals, material, looks, base_colors, textures, light_directions,
                  light_colors, constants, two_sided},
                 thresholds, {image, albedo, normal_image, linear}, &shading);
   for (const auto& output : {std::optional<Tensor>(image), albedo, normal_image, linear})
     if (output) check_apart(op, "an output", *output, "packed", packed);
   shading.job.packed = const_data<int64_t>(packed);
-  rung.shade(shading.job, parallel);
+  shade_views(shading.job, parallel);
 }
 
 // height and width are those of the samples. packed and depth are written where they are not None.
@@ -80,21 +81,22 @@ void draw_op(const Tensor& positions, const Tensor& triangles, int64_t height, i
              const std::optional<Tensor>& normals, const std::optional<Tensor>& face_normals, const Tensor& material,
              const Tensor& looks, const Tensor& base_colors, const std::vector<Tensor>& textures,
              const Tensor& light_directions, const Tensor& light_colors, const Tensor& constants, bool two_sided,
-             const Tensor& thresholds, const std::string& precision, const Tensor& image,
-             const std::optional<Tensor>& albedo, const std::optional<Tensor>& normal_image,
+             const Tensor& thresholds, const std::string& precision, const std::vector<int64_t>& parameters,
+             const Tensor& image, const std::optional<Tensor>& albedo, const std::optional<Tensor>& normal_image,
              const std::optional<Tensor>& linear, const std::optional<Tensor>& packed,
              const std::optional<Tensor>& depth, const Tensor& dropped) {
   const char* op = "draw";
   const Viewport view = viewport(op, height, width, cull, {0, 0, width, height});
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
   const Variant& variant = **rung.variants;
+  const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
   const DrawnTensors drawn = {positions, triangles, packed, depth, dropped};
   check_drawn(op, kCpu, drawn, height, width);
   const int64_t views = positions.size(0), pixels = height * width;
   const Parallel parallel = torch_threads();
   CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(1));
   CheckedShading shading;
-  check_shading(op, positions, triangles, height, width,
+  check_shading(op, rung, positions, triangles, height, width,
                 {uvs, colors, normals, face_normals, material, looks, base_colors, textures, light_directions,
                  light_colors, constants, two_sided},
                 thresholds, {image, albedo, normal_image, linear}, &shading);
@@ -111,11 +113,10 @@ void draw_op(const Tensor& positions, const Tensor& triangles, int64_t height, i
   frame.depth = depth ? data<float>(*depth) : nullptr;
   frame.dropped = data<int64_t>(dropped);
   frame.shade = fused ? &shading.job : nullptr;
-  const std::vector<int64_t> values = checked_parameters(op, variant, {});
   variant.draw(frame, parallel, values.data());
   if (fused) return;
   shading.job.packed = frame.packed;
-  rung.shade(shading.job, parallel);
+  shade_views(shading.job, parallel);
 }
 
 }  // namespace

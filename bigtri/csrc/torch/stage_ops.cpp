@@ -12,8 +12,9 @@ namespace {
 // The rung of that name, whose stages can be called one by one.
 const CpuRung& rung_of(const char* op, const std::string& precision) {
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
-  BIGTRI_CHECK(rung.stages, "bigtri::", op, ": precision must be one whose records hold all that coverage needs, got '",
-               precision, "', whose stages run on the reference alone");
+  BIGTRI_CHECK(rung.stages, "bigtri::", op,
+               ": precision must be one whose records and spans hold all that coverage needs, got '", precision,
+               "', whose stages run on the reference alone");
   return rung;
 }
 

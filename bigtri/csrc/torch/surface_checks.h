@@ -10,7 +10,7 @@
 
 namespace bigtri {
 
-// What a scene looks like, as the operators get it; docs/numerics.md 16. Tensors that are None leave an effect out.
+// What a scene looks like, as the operators get it; docs/numerics.md 18. Tensors that are None leave an effect out.
 struct SurfaceTensors {
   const std::optional<Tensor>&uvs, &colors, &normals, &face_normals;
   const Tensor &material, &looks, &base_colors;
@@ -87,7 +87,7 @@ inline void check_surface_indices(const char* op, const Parallel& parallel, cons
                  surface.looks[i].texture, " in row ", i);
 }
 
-// The picture and what it was made from; docs/numerics.md 16.
+// The picture and what it was made from; docs/numerics.md 18.
 struct PictureTensors {
   const Tensor& image;
   const std::optional<Tensor>&albedo, &normals, &linear;

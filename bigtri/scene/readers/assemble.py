@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Vector
+from ..camera import Camera
 from ..carried import Marks
 from ..normals import is_closed, smooth_normals, split_normals, weld
 from ..origin import WORLD_ORIGIN, joined, origin_for
 from ..scene import Material, Scene, merge
+from ..vectors import Vector
 from .model import Mesh, Model, ModelError, Paint, Strokes
 from .transforms import bounds_of_placed, mirrors, placed_from, turned
 
@@ -45,8 +46,9 @@ def assemble(model: Model) -> Scene:
     places = Counter(id(group[0].positions) for group in groups for _ in group[0].transforms)
     # What a vertex array has for others is left out.
     batches = [_Batch(group, only_used=places[id(group[0].positions)] > 1) for group in groups]
-    placed = [(batch, transform) for batch in batches for transform in batch.transforms]
-    bounds = joined([box for box in (bounds_of_placed(place, batch.positions) for batch, place in placed) if box is not None])
+    placed = [(batch, place) for batch in batches for place in range(len(batch.transforms))]
+    boxes = (bounds_of_placed(batch.transforms[place], batch.positions) for batch, place in placed)
+    bounds = joined([box for box in boxes if box is not None])
     origin = WORLD_ORIGIN if bounds is None else origin_for(bounds)
     materials = _Materials(model)
     parts = [batch.at(place, origin, materials, model) for batch, place in placed]
@@ -55,9 +57,21 @@ def assemble(model: Model) -> Scene:
             model.found("texture coordinates beyond float32", "texture coordinates are not finite: 0 is taken for them")
         if not np.isfinite(part.positions).all():
             model.found("positions beyond float32", "positions are not finite, or beyond float32: their triangles are not drawn")
+    # merge would number the parts, of which an object may have several.
+    instance = [batch.instances(place) for batch, place in placed] if any(m.instances is not None for m in meshes) else None
     scene = parts[0] if len(parts) == 1 else merge(parts)
+    scene = scene.with_(instance=None if instance is None else np.concatenate(instance))
     marks = [_marks(strokes, transform, origin) for strokes in model.strokes for transform in strokes.transforms]
-    return scene.with_(marks=marks, cameras=model.cameras, lamps=model.lamps)
+    cameras = [_with_planes(camera, scene) for camera in model.cameras]
+    return scene.with_(marks=marks, cameras=cameras, lamps=model.lamps)
+
+
+def _with_planes(camera: Camera, scene: Scene) -> Camera:
+    """The camera with the near and far planes that the file does not give it, chosen by the scene, if it sees any of it."""
+    try:
+        return camera.fitted(scene.bounds)
+    except ValueError:
+        return camera
 
 
 def _marks(strokes: Strokes, transform: NDArray[np.float64], origin: Vector) -> Marks:
@@ -94,8 +108,17 @@ class _Batch:
         if first.colors is not None and not first.colors_of_faces:
             self._colors = first.colors[kept]
 
-    def at(self, transform: NDArray[np.float64], origin: Vector, materials: _Materials, model: Model) -> Scene:
+    def instances(self, place: int) -> NDArray[np.int32]:
+        """int32 [T]: the objects that the triangles at one place belong to."""
+        parts = [
+            np.broadcast_to(np.int32(0) if mesh.instances is None else mesh.instances[place], len(mesh.triangles))
+            for mesh in self._meshes
+        ]
+        return np.concatenate(parts)
+
+    def at(self, place: int, origin: Vector, materials: _Materials, model: Model) -> Scene:
         """The meshes at one place, counted from the origin; ``model`` gets as findings what they lack."""
+        transform = self.transforms[place]
         positions = placed_from(origin, transform, self.positions)
         triangles = self._triangles
         # A mirrored mesh would show its back faces.

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Camera, Vector
+from ..camera import Camera
 from ..carried import Lamp
+from ..vectors import Vector
 
 
 class ModelError(ValueError):
@@ -78,6 +79,8 @@ class Mesh:
         colors_of_faces: whether a colour belongs to a triangle instead of a vertex.
         paint: the material, or None.
         transforms: float64 [N, 4, 4], one for each place where the mesh is drawn, column vectors.
+        instances: int32 [N], or [N, T]: the number, within the file, of the object that each place, or each triangle of it,
+            belongs to; None: of object 0.
     """
 
     name: str
@@ -89,6 +92,7 @@ class Mesh:
     colors_of_faces: bool = False
     paint: Paint | None = None
     transforms: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
+    instances: NDArray[np.int32] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Vector
+from ..vectors import Vector
 from .colors import linear_colors
 from .files import decoded, find, read_texture
 from .model import Model, Paint

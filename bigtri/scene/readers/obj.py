@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,8 +42,8 @@ class _Vertices(NamedTuple):
 def read(path: Path) -> Model:
     """The faces of an OBJ file: one mesh for each material, in the order in which the file first uses them.
 
-    Objects, groups and smoothing groups are not told apart. Faces of one material share a vertex where all their indices are the
-    same. Where one of them lacks normals, they have none.
+    Every object is an instance, or every group where there are no objects. Smoothing groups are not told apart. Faces of one
+    material share a vertex where all their indices are the same. Where one of them lacks normals, they have none.
 
     Raises:
         ModelError: the file is broken; the text says where.
@@ -57,10 +58,12 @@ def read(path: Path) -> Model:
     corner, polygon = triangulate(model, vertices.positions, corners[:, 0], count)
     names, looks, of_face = _materials(model, lines, path.parent)
     material = of_face[polygon]
+    instance = _instances(lines)
     used, first = np.unique(material, return_index=True)
     for number in used[np.argsort(first)].tolist():
-        of_mesh = corners[corner[material == number].reshape(-1)]
-        model.meshes.append(_mesh(model, names[number] or path.name, looks[number], vertices, of_mesh))
+        own = material == number
+        mesh = _mesh(model, names[number] or path.name, looks[number], vertices, corners[corner[own].reshape(-1)])
+        model.meshes.append(mesh if instance is None else replace(mesh, instances=instance[polygon[own]][None]))
     if not len(material) and len(vertices.positions):
         model.found("points", f"there are {len(vertices.positions)} points and no faces: points are not drawn")
     return model
@@ -118,6 +121,14 @@ def _materials(model: Model, lines: Lines, folder: Path) -> tuple[list[str], lis
     # The material of a face is the one named last before it.
     of_face = np.array(of_line)[np.searchsorted(begins, lines.kinds["f"]) - 1]
     return list(numbers), [known.get(name) for name in numbers], of_face
+
+
+def _instances(lines: Lines) -> NDArray[np.int32] | None:
+    """int32 [F], the object of each face, numbered by those that have any; None where no two are told apart."""
+    if len(lines.objects) == 0:
+        return None
+    begun = np.searchsorted(lines.objects, lines.kinds["f"])
+    return np.concatenate([[0], np.cumsum(begun[1:] != begun[:-1])]).astype(np.int32)
 
 
 def _mesh(model: Model, name: str, look: Look | None, vertices: _Vertices, corners: NDArray[np.int32]) -> Mesh:

@@ -23,6 +23,7 @@ class Lines:
 
     Attributes:
         kinds: by keyword, of "v", "vt", "vn", "f": int64, the lines that have it, rising; of "", all others that mean something.
+        objects: int64, the lines that begin an object, rising; where there are none, those that begin a group.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -37,7 +38,8 @@ class Lines:
         self.kinds = {word: np.flatnonzero((a == ord(word)) & (b <= _SPACE)) for word in ("v", "f")}
         for word in ("vt", "vn"):
             self.kinds[word] = np.flatnonzero((a == ord("v")) & (b == ord(word[1])) & (c <= _SPACE))
-        # Objects, groups and smoothing groups may be as many as faces, and mean nothing here.
+        # Objects, groups and smoothing groups may be as many as faces: their names are not read.
+        self.objects = next((lines for word in "og" if len(lines := np.flatnonzero((a == ord(word)) & (b <= _SPACE)))), first[:0])
         known = np.isin(a, (_NEW_LINE, _HASH)) | (np.isin(a, [*b"ogs"]) & (b <= _SPACE))
         for word, lines in self.kinds.items():
             known[lines] = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,8 @@ def _read_ascii(model: Model, name: str, data: bytes) -> None:
             model.found("truncated file", f"{facets} triangles begin, {complete} are complete and drawn")
             corners = corners[: 3 * complete]
         own = decoded(data[begin:after_name]).strip()
-        model.meshes.append(_mesh(own if own and len(solids) > 1 else name, corners.reshape(-1, 3, 3), None))
+        mesh = _mesh(own if own and len(solids) > 1 else name, corners.reshape(-1, 3, 3), None)
+        model.meshes.append(replace(mesh, instances=np.array([len(model.meshes)], np.int32)))
 
 
 def _ascii_corners(text: bytes) -> tuple[NDArray[np.float64], int]:

@@ -28,7 +28,7 @@ def model_of(loaded: Any, linear_colors: bool) -> Model:
             placed = [loaded.graph[node] for node in loaded.graph.nodes_geometry]
             nodes = [(str(name), np.asarray(matrix, np.float64), loaded.geometry[name]) for matrix, name in placed]
         meshes = [node for node in nodes if isinstance(node[2], trimesh.Trimesh) and len(node[2].faces)]
-        return Model([_read(name, transform, mesh, linear_colors) for name, transform, mesh in meshes])
+        return Model([_read(number, *node, linear_colors) for number, node in enumerate(meshes)])
 
 
 @contextmanager
@@ -53,7 +53,7 @@ def _reason(error: Exception) -> str:
     return f"{type(error).__name__}: {text}".removesuffix(": ")
 
 
-def _read(name: str, transform: NDArray[np.float64], mesh: Any, linear_colors: bool) -> Mesh:
+def _read(number: int, name: str, transform: NDArray[np.float64], mesh: Any, linear_colors: bool) -> Mesh:
     vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     # trimesh hands on what a file says.
     _check_shape(name, "vertices", vertices, "V", 3)
@@ -83,6 +83,7 @@ def _read(name: str, transform: NDArray[np.float64], mesh: Any, linear_colors: b
         of_faces,
         _paint(name, mesh),
         transform[None],
+        np.array([number], np.int32),
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...camera import Vector
+from ...vectors import Vector
 from ..colors import within_0_to_1
 from ..model import ModelError, Paint
 from .document import Document

@@ -43,6 +43,7 @@ class _Reader:
         self._document = document
         self._accessors = Accessors(document)
         self._primitives = Primitives(document, self._accessors)
+        self._objects = 0
         self.nodes = Nodes(document)
 
     def add(self, index: int) -> None:
@@ -62,6 +63,9 @@ class _Reader:
         skin = document.follow(node, "skin", "skins")
         joints = None if skin is None else joint_matrices(document, self._accessors, skin, self.nodes.matrices)
         posed = _Posed(joints)
+        # Every place of a node's mesh is an object.
+        numbers = np.arange(self._objects, self._objects + len(transforms), dtype=np.int32)
+        self._objects += len(transforms)
         for primitive in self._primitives.of_mesh(mesh, node.weights("weights")):
             paint = None if primitive.surface is None else primitive.surface.paint
             # Joints place it in world space.
@@ -70,9 +74,8 @@ class _Reader:
             elements, colors = primitive.elements, primitive.colors
             if elements.shape[1] == 3:
                 elements = np.ascontiguousarray(elements[:, ::-1]) if mirrored else elements
-                model.meshes.append(
-                    Mesh(name, positions, elements, normals, primitive.uvs, colors, paint=paint, transforms=where)
-                )
+                vertices = (positions, elements, normals, primitive.uvs, colors)
+                model.meshes.append(Mesh(name, *vertices, False, paint, where, numbers[: len(where)]))
             else:
                 model.strokes.append(Strokes(positions, elements, colors, paint, where))
 

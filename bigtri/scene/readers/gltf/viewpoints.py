@@ -7,14 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...camera import Camera, Vector
+from ...camera import Camera
 from ...carried import Lamp
+from ...vectors import Vector
+from ..model import ModelError
 from .document import Document
 from .extensions import LIGHTS
 from .json_values import JsonObject
-
-# Where glTF has no farthest distance it means infinity: this multiple of the nearest one, then.
-_FAR = 1e6
 
 
 def add_camera(document: Document, node: JsonObject, matrix: NDArray[np.float64]) -> None:
@@ -27,22 +26,36 @@ def add_camera(document: Document, node: JsonObject, matrix: NDArray[np.float64]
     if camera is None:
         return
     found = document.model.found
-    if camera.text("type") != "perspective":
-        found("orthographic cameras", "a camera without perspective is left out: bigtri has none")
-        return
-    settings = camera.object("perspective")
-    angle, near = math.degrees(settings.number("yfov", 0.0)), settings.number("znear", 0.0)
-    far = settings.number("zfar", near * _FAR)
     forward = -matrix[:3, 2]
     length = float(np.sqrt((forward * forward).sum())) or 1.0
     try:
         eye = _vector(matrix[:3, 3])
-        seen = Camera(eye, _vector(matrix[:3, 3] + forward / length), _vector(matrix[:3, 1]), angle, near, far)
+        pose = (eye, _vector(matrix[:3, 3] + forward / length), _vector(matrix[:3, 1]))
+        document.model.cameras.append(_of_kind(camera, pose))
+    except ModelError:
+        raise
     except ValueError as error:
         found("cameras that see nothing", f"{camera.place} is left out: {error}")
         return
-    document.model.cameras.append(seen)
-    found("cameras", "a camera is in Scene.cameras, but not what the picture is seen from")
+    found("cameras", "a camera is in Scene.cameras: a picture is seen from it only if that is asked for")
+
+
+def _of_kind(camera: JsonObject, pose: tuple[Vector, Vector, Vector]) -> Camera:
+    """The camera at a pose: eye, target, up.
+
+    The picture has an aspect of its own, so that the camera's width means nothing. Without a farthest distance, far is None.
+
+    Raises:
+        ValueError: it sees nothing.
+    """
+    if camera.text("type") == "orthographic":
+        settings = camera.object("orthographic")
+        height = 2 * abs(settings.number("ymag", 0.0))
+        return Camera.orthographic(*pose, height, settings.number("znear", 0.0), settings.number("zfar", 0.0))
+    settings = camera.object("perspective")
+    angle, near = math.degrees(settings.number("yfov", 0.0)), settings.number("znear", 0.0)
+    far = settings.number("zfar", 0.0) if "zfar" in settings else None
+    return Camera(*pose, angle, near, far)
 
 
 def add_lamp(document: Document, node: JsonObject, matrix: NDArray[np.float64]) -> None:
