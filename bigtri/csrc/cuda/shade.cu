@@ -51,10 +51,12 @@ struct Skin {
   int32_t unused[2];
 };
 
-// Pixels of a row of one triangle that is not clipped. e_k at the run's pixel i is start[k] + step[k] * i: integers below
-// 2^53, so float64 is exact.
+// What edge values along a row are computed in, exactly: float64 holds integers below 2^53.
+using EdgeAlongRow = std::conditional_t<Rung::kWideEdges, int64_t, double>;
+
+// Pixels of a row of one triangle that is not clipped. e_k at the run's pixel i is start[k] + step[k] * i.
 struct alignas(16) Run {
-  double start[3], step[3];
+  EdgeAlongRow start[3], step[3];
   Divisor area, w[3];
   Skin skin;
 };
@@ -62,8 +64,7 @@ struct alignas(16) Run {
 // A triangle that has been clipped: its records, in fan order.
 struct Clipped {
   struct Sub {
-    int32_t x[3], y[3];  // subpx
-    int64_t area;
+    Primitive primitive;
     double w[3], weights[3][3];
   };
   int count;  // records
@@ -286,8 +287,9 @@ __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, 
   if (!load_skin(job, triangle, vertex, back, &out->skin)) return Fate::kNothing;
   const float w[3] = {corner[0][3], corner[1][3], corner[2][3]};
   for (int k = 0; k < 3; ++k) {
-    out->start[k] = edge_at(p, k, at.x, at.y);
-    out->step[k] = -(double)kSubpixel * edge_of(p.x, p.y, k).dy;
+    const Edge edge = edge_of(p.x, p.y, k);
+    out->start[k] = (EdgeAlongRow)edge_value(edge, pixel_centre(at.x), pixel_centre(at.y));
+    out->step[k] = -(EdgeAlongRow)kSubpixel * edge.dy;
     out->w[k] = divisor(pick(w, p.order[k]));
   }
   out->area = divisor((double)p.area);
@@ -297,9 +299,21 @@ __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, 
 
 // The weights of a run's pixel i.
 __device__ __forceinline__ void weigh(const Run& run, int i, float weight[3]) {
-  double e[3], b[3];
-  for (int k = 0; k < 3; ++k) e[k] = run.start[k] + run.step[k] * exact_double(i);
-  whole_barycentrics(run.area, run.w, (run.skin.bits & kAffine) != 0, e, b);
+  using Number = std::conditional_t<kFloatWeights, float, double>;
+  const bool affine = run.skin.bits & kAffine;
+  Number e[3], b[3];
+  for (int k = 0; k < 3; ++k) {
+    if constexpr (Rung::kWideEdges)
+      e[k] = (Number)(double)(run.start[k] + run.step[k] * i);
+    else
+      e[k] = (Number)(run.start[k] + run.step[k] * exact_double(i));
+  }
+  if constexpr (kFloatWeights) {
+    const double w[3] = {run.w[0].value, run.w[1].value, run.w[2].value};
+    whole_float_barycentrics((float)run.area.value, w, affine, e, b);
+  } else {
+    whole_barycentrics(run.area, run.w, affine, e, b);
+  }
   for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
 }
 
@@ -504,18 +518,19 @@ __device__ __forceinline__ void clip(const Frame& f, int32_t triangle, ClipScrat
   if (lane + 2 < n) {
     const int apex = fan_apex(scratch->projected, scratch->polygon, n);
     made = fan_primitive(scratch->projected, apex, n, lane, f.view, &p);
-    if (made) set_fan_weights(scratch->polygon, apex, n, lane, 0, &parent);
+    if (made) {
+      set_fan_places(scratch->polygon, apex, n, lane, f.view, p.order, &p);
+      set_fan_weights(scratch->polygon, apex, n, lane, 0, &parent);
+    }
   }
   const unsigned all = __ballot_sync(kAllLanes, made);
   if (made) {
     Clipped::Sub& sub = out->sub[__popc(all & lanes_below())];
+    sub.primitive = p;
     for (int k = 0; k < 3; ++k) {
-      sub.x[k] = p.x[k];
-      sub.y[k] = p.y[k];
       sub.w[k] = parent.w[0][k];
       for (int m = 0; m < 3; ++m) sub.weights[k][m] = parent.weights[0][k][m];
     }
-    sub.area = p.area;
   }
   if (lane == 0) {
     out->count = __popc(all);
@@ -542,23 +557,22 @@ __device__ __forceinline__ void weigh_clipped(const Clipped& clipped, int x, int
   for (int k = 0; k < 3; ++k) weight[k] = 0.0f;
   for (int s = 0; s < clipped.count; ++s) {
     const Clipped::Sub& sub = clipped.sub[s];
+    if (!covers(sub.primitive, x, y)) continue;
     ParentOf<1> parent;
-    Primitive& p = parent.primitive[0];
-    for (int k = 0; k < 3; ++k) {
-      p.x[k] = sub.x[k];
-      p.y[k] = sub.y[k];
-    }
-    if (!covers(p, x, y)) continue;
     parent.clipped = true;
     parent.affine = false;
-    p.area = sub.area;
-    double e[3], b[3];
+    parent.primitive[0].area = sub.primitive.area;
+    using Number = std::conditional_t<kFloatWeights, float, double>;
+    Number e[3], b[3];
     for (int k = 0; k < 3; ++k) {
       parent.w[0][k] = sub.w[k];
       for (int m = 0; m < 3; ++m) parent.weights[0][k][m] = sub.weights[k][m];
-      e[k] = edge_at(p, k, x, y);
+      e[k] = (Number)edge_at(sub.primitive, k, x, y);
     }
-    barycentrics(parent, 0, e, b);
+    if constexpr (kFloatWeights)
+      float_barycentrics(parent, 0, e, b);
+    else
+      barycentrics(parent, 0, e, b);
     for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
     return;
   }
