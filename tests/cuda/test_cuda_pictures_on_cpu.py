@@ -175,7 +175,11 @@ def test_transform() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("starts[j] = id[j] >= 0 && (id[j] != before || x == 0);", "starts[j] = id[j] >= 0 && id[j] != before;", "values of image"),
+        (
+            "starts[j] = id[j] >= 0 && (id[j] != before || x == 0);",
+            "starts[j] = id[j] >= 0 && id[j] != before;",
+            "values of image",
+        ),
         ("if (rest >= of_view) rest -= of_view, ++view;", "", "values of image"),
         ("&& ((uintptr_t)job.image & 3) == 0) {", "|| true) {", "access beyond memory"),
     ],
