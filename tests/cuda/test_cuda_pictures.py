@@ -10,6 +10,7 @@ from picture_cases import (
     Drawn,
     Picture,
     drawn,
+    full_screen,
     of_every_effect,
     of_many_clipped,
     of_many_textures,
@@ -54,7 +55,11 @@ def shaded(picture: Picture, packed: torch.Tensor) -> Drawn:
 
 def pictures() -> list[Picture]:
     lights = [picture_of(42, (20, 30), lights=0), picture_of(43, (20, 30), lights=9)]
-    large = [picture_of(60, (1080, 1920), count=3000), picture_of(61, (256, 256), views=40, count=500, made=False)]
+    large = [
+        full_screen((300, 1001)),
+        picture_of(60, (1080, 1920), count=3000),
+        picture_of(61, (256, 256), views=40, count=500, made=False),
+    ]
     return [*of_every_effect(), *of_samples(), *of_many_textures(), *lights, of_many_clipped(900), *large]
 
 

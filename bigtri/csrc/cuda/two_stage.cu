@@ -22,7 +22,7 @@ namespace {
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 // Rows rest on what bin_owned rests on: edges in int32 over a bounding box, and planes in float64.
-constexpr bool kHasRows = Rung::kBinOwned;
+constexpr bool kHasRows = Rung::kBinOwned && !kFloatPlane;
 static_assert(!kHasRows || (!kFloatCoverage && !Rung::kWideEdges && kDepthRule == DepthRule::kFloat64Cell),
               "what is drawn by rows has the rung's bits");
 
