@@ -14,7 +14,9 @@ from cases import Case, random_corners, soup
 from cuda_bits import CONSTRUCTIONS
 from cuda_on_cpu import VARIANTS_OF, Job
 from numpy.typing import NDArray
+from picture_cases import drawn, picture_of
 from test_cuda_attributes_on_cpu import bits, interpolate
+from test_cuda_pictures_on_cpu import differences as differences_of_pictures
 
 import bigtri
 from bigtri import native, reference
@@ -105,4 +107,15 @@ def test_interpolation(rung: str) -> None:
         return found
 
     said = cuda_on_cpu.in_children([differences])
+    assert not said, said
+
+
+@pytest.mark.parametrize("rung", OTHERS)
+def test_pictures(rung: str) -> None:
+    """Of the rung's own attributes, of triangles that are clipped and not, straight from triangles and of a buffer."""
+    one = picture_of(3, (26, 34), samples=2, count=40)
+    if RUNGS[rung].reversed:
+        one = one._replace(positions=torch.from_numpy(reversed_depth(one.positions[0].numpy()))[None])
+    wanted = drawn(one, rung, "reference")
+    said = cuda_on_cpu.in_children([functools.partial(differences_of_pictures, cuda_on_cpu.kernels(rung), [(one, wanted)])])
     assert not said, said

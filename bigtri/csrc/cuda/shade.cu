@@ -21,8 +21,8 @@ namespace {
 // run of a lane each, so that a triangle is set up once for all pixels of its run, and then finish the pixels that are
 // covered, one a lane, whatever runs they are of.
 
-constexpr int kWarps = 4;  // of a block, in all kernels
-constexpr int kThreads = kWarps * kWarp;
+constexpr int kShadeWarps = 4;  // of a block, in all kernels
+constexpr int kShadeThreads = kShadeWarps * kWarp;
 constexpr int kEach = 4;                  // pixels that a lane loads
 constexpr int kPixels = kEach * kWarp;    // of a group
 constexpr int kWords = kPixels / kWarp;   // of a group, a bit a pixel
@@ -51,19 +51,20 @@ struct Skin {
   int32_t unused[2];
 };
 
-// Pixels of a row of one triangle that is not clipped. e_k at the run's pixel i is start[k] + step[k] * i: integers below
-// 2^53, so float64 is exact.
+// What edge values along a row are computed in, exactly: float64 holds integers below 2^53.
+using EdgeAlongRow = std::conditional_t<Rung::kWideEdges, int64_t, double>;
+
+// Pixels of a row of one triangle that is not clipped. e_k at the run's pixel i is start[k] + step[k] * i.
 struct alignas(16) Run {
-  double start[3], step[3];
+  EdgeAlongRow start[3], step[3];
   Divisor area, w[3];
   Skin skin;
 };
 
 // A triangle that has been clipped: its records, in fan order.
-struct Clipped {
+struct ClippedFan {
   struct Sub {
-    int32_t x[3], y[3];  // subpx
-    int64_t area;
+    Primitive primitive;
     double w[3], weights[3][3];
   };
   int count;  // records
@@ -81,7 +82,7 @@ struct Tables {
 struct Work {
   uint64_t* keys;      // [kListed]: view << 32 | triangle of the clipped triangles, or kFree
   uint64_t* any;       // [1]: kFree if nothing is clipped. After the keys
-  Clipped* records;    // [kListed]
+  ClippedFan* records;    // [kListed]
   uint32_t* clipped;   // a bit for each pixel: whether its triangle is clipped
   uint32_t* drawn;     // the same: whether it is not the background; null where nobody asks
   const Texture* many;  // all textures, where there are more than kTextures; else null
@@ -102,19 +103,19 @@ struct Codes {
 
 // With all threads of the block; a barrier has to follow.
 __device__ __forceinline__ void fill_codes(const Tables& tables, Codes* out) {
-  for (int i = threadIdx.x; i < 256; i += kThreads) {
+  for (int i = threadIdx.x; i < 256; i += kShadeThreads) {
     out->decoded[i] = tables.decoded[i];
     // The steps k between thresholds i - 1 and i: those with i thresholds <= k / kSrgbSteps.
     const float begin = i == 0 ? 0.0f : tables.thresholds[i - 1] * kSrgbSteps;
     const float end = i == 255 ? kSrgbSteps + 1.0f : tables.thresholds[i] * kSrgbSteps;
-    out->encode.thresholds[i] = i == 255 ? kInfinity : tables.thresholds[i];
+    out->encode.thresholds[i] = i == 255 ? kNotANumber : tables.thresholds[i];
     int k = (int)begin;
     for (k += (float)k < begin; k <= kSrgbSteps && (float)k < end; ++k) out->encode.start[k] = (uint8_t)i;
   }
 }
 
-__device__ __forceinline__ int64_t warp_in_grid() { return (int64_t)blockIdx.x * kWarps + this_warp(); }
-__device__ __forceinline__ int64_t warps_of_grid() { return (int64_t)gridDim.x * kWarps; }
+__device__ __forceinline__ int64_t warp_in_grid() { return (int64_t)blockIdx.x * kShadeWarps + this_warp(); }
+__device__ __forceinline__ int64_t warps_of_grid() { return (int64_t)gridDim.x * kShadeWarps; }
 
 __device__ __forceinline__ Frame frame_of(const Shading& job, int64_t view) {
   const Viewport whole = {job.width, job.height, 0, 0, job.width, job.height, kCullNone};
@@ -246,7 +247,7 @@ __device__ __forceinline__ void list_clipped(const Work& work, uint64_t key) {
 }
 
 // The record of a triangle, or null if it has none.
-__device__ __forceinline__ const Clipped* find_clipped(const Work& work, uint64_t key) {
+__device__ __forceinline__ const ClippedFan* find_clipped(const Work& work, uint64_t key) {
   for (int n = 0; n < kProbes; ++n) {
     const int place = place_in_table(key, n);
     if (work.keys[place] == key) return work.records + place;
@@ -286,8 +287,9 @@ __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, 
   if (!load_skin(job, triangle, vertex, back, &out->skin)) return Fate::kNothing;
   const float w[3] = {corner[0][3], corner[1][3], corner[2][3]};
   for (int k = 0; k < 3; ++k) {
-    out->start[k] = edge_at(p, k, at.x, at.y);
-    out->step[k] = -(double)kSubpixel * edge_of(p.x, p.y, k).dy;
+    const Edge edge = edge_of(p.x, p.y, k);
+    out->start[k] = (EdgeAlongRow)edge_value(edge, pixel_centre(at.x), pixel_centre(at.y));
+    out->step[k] = -(EdgeAlongRow)kSubpixel * edge.dy;
     out->w[k] = divisor(pick(w, p.order[k]));
   }
   out->area = divisor((double)p.area);
@@ -297,9 +299,21 @@ __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, 
 
 // The weights of a run's pixel i.
 __device__ __forceinline__ void weigh(const Run& run, int i, float weight[3]) {
-  double e[3], b[3];
-  for (int k = 0; k < 3; ++k) e[k] = run.start[k] + run.step[k] * exact_double(i);
-  whole_barycentrics(run.area, run.w, (run.skin.bits & kAffine) != 0, e, b);
+  using Number = std::conditional_t<kFloatWeights, float, double>;
+  const bool affine = run.skin.bits & kAffine;
+  Number e[3], b[3];
+  for (int k = 0; k < 3; ++k) {
+    if constexpr (Rung::kWideEdges)
+      e[k] = (Number)(double)(run.start[k] + run.step[k] * i);
+    else
+      e[k] = (Number)(run.start[k] + run.step[k] * exact_double(i));
+  }
+  if constexpr (kFloatWeights) {
+    const double w[3] = {run.w[0].value, run.w[1].value, run.w[2].value};
+    whole_float_barycentrics((float)run.area.value, w, affine, e, b);
+  } else {
+    whole_barycentrics(run.area, run.w, affine, e, b);
+  }
   for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
 }
 
@@ -413,11 +427,11 @@ __device__ __forceinline__ int2 find_runs(const Shading& job, const int32_t id[k
   return {all >> 16, all & 0xffff};
 }
 
-__global__ void __launch_bounds__(kThreads, 5)
+__global__ void __launch_bounds__(kShadeThreads, 5)
     shade_whole(const __grid_constant__ Shading job, const __grid_constant__ Tables tables,
                 const __grid_constant__ Work work) {
   __shared__ Codes codes;
-  __shared__ Room rooms[kWarps];
+  __shared__ Room rooms[kShadeWarps];
   Room* room = rooms + this_warp();
   const int lane = lane_id();
   fill_codes(tables, &codes);
@@ -492,7 +506,7 @@ __global__ void __launch_bounds__(kThreads, 5)
 // --- Triangles that are clipped
 
 // Clips a triangle, whose indices name vertices, with all lanes.
-__device__ __forceinline__ void clip(const Frame& f, int32_t triangle, ClipScratch* scratch, Clipped* out) {
+__device__ __forceinline__ void clip(const Frame& f, int32_t triangle, ClipScratch* scratch, ClippedFan* out) {
   int32_t index[3];
   float v[3][4];
   load_indices(f, triangle, index);
@@ -504,18 +518,19 @@ __device__ __forceinline__ void clip(const Frame& f, int32_t triangle, ClipScrat
   if (lane + 2 < n) {
     const int apex = fan_apex(scratch->projected, scratch->polygon, n);
     made = fan_primitive(scratch->projected, apex, n, lane, f.view, &p);
-    if (made) set_fan_weights(scratch->polygon, apex, n, lane, 0, &parent);
+    if (made) {
+      set_fan_places(scratch->polygon, apex, n, lane, f.view, p.order, &p);
+      set_fan_weights(scratch->polygon, apex, n, lane, 0, &parent);
+    }
   }
   const unsigned all = __ballot_sync(kAllLanes, made);
   if (made) {
-    Clipped::Sub& sub = out->sub[__popc(all & lanes_below())];
+    ClippedFan::Sub& sub = out->sub[__popc(all & lanes_below())];
+    sub.primitive = p;
     for (int k = 0; k < 3; ++k) {
-      sub.x[k] = p.x[k];
-      sub.y[k] = p.y[k];
       sub.w[k] = parent.w[0][k];
       for (int m = 0; m < 3; ++m) sub.weights[k][m] = parent.weights[0][k][m];
     }
-    sub.area = p.area;
   }
   if (lane == 0) {
     out->count = __popc(all);
@@ -525,9 +540,9 @@ __device__ __forceinline__ void clip(const Frame& f, int32_t triangle, ClipScrat
 }
 
 // The triangles of the table, a warp for each of its places.
-__global__ void __launch_bounds__(kThreads)
+__global__ void __launch_bounds__(kShadeThreads)
     clip_listed(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
-  __shared__ ClipScratch scratch[kWarps];
+  __shared__ ClipScratch scratch[kShadeWarps];
   wait_for_previous();
   for (int64_t place = warp_in_grid(); place < kListed; place += warps_of_grid()) {
     const uint64_t key = work.keys[place];
@@ -538,27 +553,26 @@ __global__ void __launch_bounds__(kThreads)
 }
 
 // By the first record that covers pixel (x, y); 0 where none does.
-__device__ __forceinline__ void weigh_clipped(const Clipped& clipped, int x, int y, float weight[3]) {
+__device__ __forceinline__ void weigh_clipped(const ClippedFan& clipped, int x, int y, float weight[3]) {
   for (int k = 0; k < 3; ++k) weight[k] = 0.0f;
   for (int s = 0; s < clipped.count; ++s) {
-    const Clipped::Sub& sub = clipped.sub[s];
+    const ClippedFan::Sub& sub = clipped.sub[s];
+    if (!covers(sub.primitive, x, y)) continue;
     ParentOf<1> parent;
-    Primitive& p = parent.primitive[0];
-    for (int k = 0; k < 3; ++k) {
-      p.x[k] = sub.x[k];
-      p.y[k] = sub.y[k];
-    }
-    if (!covers(p, x, y)) continue;
     parent.clipped = true;
     parent.affine = false;
-    p.area = sub.area;
-    double e[3], b[3];
+    parent.primitive[0].area = sub.primitive.area;
+    using Number = std::conditional_t<kFloatWeights, float, double>;
+    Number e[3], b[3];
     for (int k = 0; k < 3; ++k) {
       parent.w[0][k] = sub.w[k];
       for (int m = 0; m < 3; ++m) parent.weights[0][k][m] = sub.weights[k][m];
-      e[k] = edge_at(p, k, x, y);
+      e[k] = (Number)edge_at(sub.primitive, k, x, y);
     }
-    barycentrics(parent, 0, e, b);
+    if constexpr (kFloatWeights)
+      float_barycentrics(parent, 0, e, b);
+    else
+      barycentrics(parent, 0, e, b);
     for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
     return;
   }
@@ -566,7 +580,8 @@ __device__ __forceinline__ void weigh_clipped(const Clipped& clipped, int x, int
 
 // Finishes a pixel of a clipped triangle. False if nothing is left of the triangle.
 __device__ __forceinline__ bool finish_clipped(const Shading& job, const Work& work, const Codes& codes,
-                                               const Clipped& clipped, const Place& at, int32_t triangle, int64_t i) {
+                                               const ClippedFan& clipped, const Place& at, int32_t triangle,
+                                               int64_t i) {
   if (clipped.count == 0) return false;
   const Frame f = frame_of(job, at.view);
   int32_t index[3], vertex[3];
@@ -587,12 +602,12 @@ __device__ __forceinline__ bool finish_clipped(const Shading& job, const Work& w
   return true;
 }
 
-__global__ void __launch_bounds__(kThreads)
+__global__ void __launch_bounds__(kShadeThreads)
     shade_clipped(const __grid_constant__ Shading job, const __grid_constant__ Tables tables,
                   const __grid_constant__ Work work) {
   __shared__ Codes codes;
-  __shared__ ClipScratch scratch[kWarps];
-  __shared__ Clipped own[kWarps];  // what found no place in the table
+  __shared__ ClipScratch scratch[kShadeWarps];
+  __shared__ ClippedFan own[kShadeWarps];  // what found no place in the table
   wait_for_previous();
   if (*work.any == kFree) return;
   fill_codes(tables, &codes);
@@ -602,7 +617,7 @@ __global__ void __launch_bounds__(kThreads)
   const int64_t words = (pixels + kWarp - 1) / kWarp;
   for (int64_t base = warp_in_grid() * kWordsAtOnce; base < words; base += warps_of_grid() * kWordsAtOnce) {
     const uint32_t loaded = lane < kWordsAtOnce && base + lane < words ? work.clipped[base + lane] : 0;
-    const Clipped* held = nullptr;
+    const ClippedFan* held = nullptr;
     uint64_t held_key = kFree;
     for (unsigned left = __ballot_sync(kAllLanes, loaded != 0); left; left &= left - 1) {
       const int k = __ffs(left) - 1;
@@ -637,7 +652,7 @@ __global__ void __launch_bounds__(kThreads)
 // --- Several samples a pixel
 
 // The samples' mean, a thread a pixel.
-__global__ void __launch_bounds__(kThreads)
+__global__ void __launch_bounds__(kShadeThreads)
     add_samples(const __grid_constant__ Shading job, const __grid_constant__ Tables tables,
                 const float* __restrict__ linear, const uint32_t* __restrict__ drawn) {
   __shared__ Codes codes;
@@ -646,7 +661,8 @@ __global__ void __launch_bounds__(kThreads)
   __syncthreads();
   const int n = job.samples, width = job.width / n, height = job.height / n;
   const int64_t pixels = job.views * height * width;
-  for (int64_t i = (int64_t)blockIdx.x * kThreads + threadIdx.x; i < pixels; i += (int64_t)gridDim.x * kThreads) {
+  for (int64_t i = (int64_t)blockIdx.x * kShadeThreads + threadIdx.x; i < pixels;
+       i += (int64_t)gridDim.x * kShadeThreads) {
     const int64_t row = i / width, column = i - row * width;
     float total[3] = {0.0f, 0.0f, 0.0f};
     int covered = 0;
@@ -676,7 +692,7 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
   const int64_t pixels = job.views * job.height * job.width, words = (pixels + kPixels - 1) / kPixels * kWords;
   out.work.keys = scratch->take<uint64_t>(kListed + 1);
   out.work.any = out.work.keys + kListed;
-  out.work.records = scratch->take<Clipped>(kListed);
+  out.work.records = scratch->take<ClippedFan>(kListed);
   out.work.clipped = scratch->take<uint32_t>(words);
   if (job.samples > 1) out.work.drawn = scratch->take<uint32_t>(words);
   if (job.samples > 1 && !job.linear) out.linear = scratch->take<float>(3 * pixels);
@@ -687,7 +703,7 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
 // Blocks that hold the device at once, for so many warps of work.
 template <class Kernel>
 cudaError_t blocks_of(Kernel kernel, int64_t warps, int* blocks) {
-  return blocks_for(kernel, kThreads, 0, (warps + kWarps - 1) / kWarps, 0, blocks);
+  return blocks_for(kernel, kShadeThreads, 0, (warps + kShadeWarps - 1) / kShadeWarps, 0, blocks);
 }
 
 }  // namespace
@@ -729,17 +745,18 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
   int blocks;
   BIGTRI_CUDA(blocks_of(shade_whole, (pixels + kPixels - 1) / kPixels, &blocks));
   if (job.next)
-    BIGTRI_CUDA(launch_next(shade_whole, blocks, kThreads, 0, stream, job, tables, at.work));
+    BIGTRI_CUDA(launch_next(shade_whole, blocks, kShadeThreads, 0, stream, job, tables, at.work));
   else
-    BIGTRI_CUDA(launch_first(shade_whole, blocks, kThreads, 0, stream, job, tables, at.work));
-  BIGTRI_CUDA(launch_next(clip_listed, kListed / kWarps, kThreads, 0, stream, job, at.work));
+    BIGTRI_CUDA(launch_first(shade_whole, blocks, kShadeThreads, 0, stream, job, tables, at.work));
+  BIGTRI_CUDA(launch_next(clip_listed, kListed / kShadeWarps, kShadeThreads, 0, stream, job, at.work));
   BIGTRI_CUDA(blocks_of(shade_clipped, (words + kWordsAtOnce - 1) / kWordsAtOnce, &blocks));
-  BIGTRI_CUDA(launch_next(shade_clipped, blocks, kThreads, 0, stream, job, tables, at.work));
+  BIGTRI_CUDA(launch_next(shade_clipped, blocks, kShadeThreads, 0, stream, job, tables, at.work));
   if (!several) return cudaSuccess;
   const float* linear = job.linear;
   job.image = given.image;
   BIGTRI_CUDA(blocks_of(add_samples, (pixels / (job.samples * job.samples) + kWarp - 1) / kWarp, &blocks));
-  return launch_next(add_samples, blocks, kThreads, 0, stream, job, tables, linear, (const uint32_t*)at.work.drawn);
+  return launch_next(add_samples, blocks, kShadeThreads, 0, stream, job, tables, linear,
+                     (const uint32_t*)at.work.drawn);
 }
 
 }  // namespace BIGTRI_NAMESPACE
