@@ -542,7 +542,6 @@ int shade_on_cpu(const PictureOnCpu* p) {
     const Memory work(variant.scratch_bytes(f, values.data()), 0x7f);
     error |= variant.draw(f, values.data(), work.of<char>(), nullptr);
     job.packed = f.packed;
-    job.next = true;
   }
   error |= BIGTRI_RUNG::shade_cuda(job, scratch.of<char>(), nullptr);
   for (const Output& o : outputs) memcpy(o.to, o.from, (size_t)o.bytes);

@@ -72,16 +72,23 @@ struct ClippedFan {
   Sub sub[kMaxSubTriangles];
 };
 
-// The launch's parameters beside the job.
-struct Tables {
-  float thresholds[255];
+// What a frame looks up, made once by the kernel before it. It stays in the caches.
+struct Codes {
+  SrgbTable encode;
   float decoded[256];  // what 8-bit codes of textures stand for
+};
+
+// sRGB thresholds on their way to memory.
+struct Thresholds {
+  float value[255];
 };
 
 // Memory that the kernels work with.
 struct Work {
   uint64_t* keys;      // [kListed]: view << 32 | triangle of the clipped triangles, or kFree
   uint64_t* any;       // [1]: kFree if nothing is clipped. After the keys
+  Codes* codes;
+  uint32_t* background;  // [H / samples]: of each row of the picture, the lowest byte first
   ClippedFan* records;    // [kListed]
   uint32_t* clipped;   // a bit for each pixel: whether its triangle is clipped
   uint32_t* drawn;     // the same: whether it is not the background; null where nobody asks
@@ -94,25 +101,6 @@ constexpr int kTexturesAtOnce = 128;
 struct SomeTextures {
   Texture texture[kTexturesAtOnce];
 };
-
-// In shared memory: sRGB codes both ways.
-struct Codes {
-  SrgbTable encode;
-  float decoded[256];
-};
-
-// With all threads of the block; a barrier has to follow.
-__device__ __forceinline__ void fill_codes(const Tables& tables, Codes* out) {
-  for (int i = threadIdx.x; i < 256; i += kShadeThreads) {
-    out->decoded[i] = tables.decoded[i];
-    // The steps k between thresholds i - 1 and i: those with i thresholds <= k / kSrgbSteps.
-    const float begin = i == 0 ? 0.0f : tables.thresholds[i - 1] * kSrgbSteps;
-    const float end = i == 255 ? kSrgbSteps + 1.0f : tables.thresholds[i] * kSrgbSteps;
-    out->encode.thresholds[i] = i == 255 ? kNotANumber : tables.thresholds[i];
-    int k = (int)begin;
-    for (k += (float)k < begin; k <= kSrgbSteps && (float)k < end; ++k) out->encode.start[k] = (uint8_t)i;
-  }
-}
 
 __device__ __forceinline__ int64_t warp_in_grid() { return (int64_t)blockIdx.x * kShadeWarps + this_warp(); }
 __device__ __forceinline__ int64_t warps_of_grid() { return (int64_t)gridDim.x * kShadeWarps; }
@@ -135,6 +123,36 @@ __device__ __forceinline__ Place place_of(const Shading& job, int64_t view, uint
   }
   const int y = (int)(rest / (uint32_t)job.width);
   return {view, (int)rest - y * job.width, y};
+}
+
+// --- Before the frame
+
+// Empties the table of clipped triangles, and makes what the frame looks up: a thread an item of each.
+__global__ void __launch_bounds__(kShadeThreads)
+    begin_frame(const __grid_constant__ Shading job, const __grid_constant__ Thresholds thresholds,
+                const __grid_constant__ Work work) {
+  __shared__ float shared[255];
+  for (int k = threadIdx.x; k < 255; k += kShadeThreads) shared[k] = thresholds.value[k];
+  __syncthreads();
+  const int i = (int)(blockIdx.x * kShadeThreads + threadIdx.x), n = job.samples;
+  Codes* codes = work.codes;
+  if (i <= kListed) work.keys[i] = kFree;
+  if (i < 256) {
+    codes->encode.thresholds[i] = i < 255 ? shared[i] : kNotANumber;
+    codes->decoded[i] = decode_srgb(257 * i);
+  }
+  if (i <= kSrgbSteps) codes->encode.start[i] = encode_srgb((float)i / kSrgbSteps, shared);
+  if (i >= job.height / n) return;
+  float total[3] = {0.0f, 0.0f, 0.0f};
+  for (int y = 0; y < n; ++y) {
+    float one[3];
+    background_at(job.surface, i * n + y, job.height, job.channels, one);
+    for (int x = 0; x < n; ++x)
+      for (int c = 0; c < 3; ++c) total[c] = total[c] + one[c];
+  }
+  uint8_t pixel[4] = {0, 0, 0, 0};
+  store_mean(total, 0, n * n, job.channels, (const float*)shared, pixel);
+  work.background[i] = pixel[0] | pixel[1] << 8 | pixel[2] << 16 | (uint32_t)pixel[3] << 24;
 }
 
 // --- A fragment: what it looks like
@@ -337,27 +355,25 @@ __device__ __forceinline__ void load_group(const Shading& job, int64_t group, in
 }
 
 // The lane's pixels of the background, from place `at` on: into the group's part of the picture, and into what else is
-// wanted.
-__device__ __forceinline__ void put_background(const Shading& job, const Codes& codes, Place at, int64_t first,
+// wanted. A picture has a sample a pixel here.
+__device__ __forceinline__ void put_background(const Shading& job, const Work& work, Place at, int64_t first,
                                                int64_t pixels, Room* room) {
   const int lane = lane_id();
   if (job.image) {
-    if (job.channels == 4) {
-      for (int j = 0; j < kEach; ++j) room->image[kEach * lane + j] = 0;
-    } else {
-      uint32_t color[kEach];
-      Place next = at;
-      for (int j = 0; j < kEach; ++j) {
-        if (j == 0 || next.x == 0) {
-          float linear[3];
-          background_at(job.surface, next.y, job.height, 3, linear);
-          color[j] = 0;
-          for (int c = 0; c < 3; ++c) color[j] |= (uint32_t)encode_srgb(linear[c], codes.encode) << (8 * c);
-        } else {
-          color[j] = color[j - 1];
-        }
-        if (++next.x == job.width) next.x = 0, next.y = next.y + 1 == job.height ? 0 : next.y + 1;
+    uint32_t color[kEach];
+    color[0] = __ldg(work.background + at.y);
+    Place next = at;
+    for (int j = 1; j < kEach; ++j) {
+      color[j] = color[j - 1];
+      if (++next.x == job.width) {
+        next.x = 0;
+        next.y = next.y + 1 == job.height ? 0 : next.y + 1;
+        color[j] = __ldg(work.background + next.y);
       }
+    }
+    if (job.channels == 4) {
+      for (int j = 0; j < kEach; ++j) room->image[kEach * lane + j] = color[j];
+    } else {
       uint32_t* to = room->image + 3 * lane;
       to[0] = color[0] | color[1] << 24;
       to[1] = color[1] >> 8 | color[2] << 16;
@@ -427,80 +443,71 @@ __device__ __forceinline__ int2 find_runs(const Shading& job, const int32_t id[k
   return {all >> 16, all & 0xffff};
 }
 
-__global__ void __launch_bounds__(kShadeThreads, 5)
-    shade_whole(const __grid_constant__ Shading job, const __grid_constant__ Tables tables,
-                const __grid_constant__ Work work) {
-  __shared__ Codes codes;
+// A warp takes one group: the groups of a model lie side by side in the picture and take a hundred times as long as those
+// beside it, so that it is the device that has to share them out.
+__global__ void __launch_bounds__(kShadeThreads, 6)
+    shade_whole(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   __shared__ Room rooms[kShadeWarps];
-  Room* room = rooms + this_warp();
-  const int lane = lane_id();
-  fill_codes(tables, &codes);
   wait_for_previous();
-  __syncthreads();
-  const int of_view = job.height * job.width;
-  const int64_t pixels = job.views * of_view, groups = (pixels + kPixels - 1) / kPixels;
-  const int64_t stride = warps_of_grid() * kPixels, stride_views = stride / of_view;
-  const int stride_rest = (int)(stride - stride_views * of_view);
-  int64_t group = warp_in_grid(), view = group * kPixels / of_view;
-  int rest = (int)(group * kPixels - view * of_view);  // the group's first pixel within its view
-  int32_t next[kEach];
-  if (group < groups) load_group(job, group, pixels, next);
-  for (; group < groups; group += warps_of_grid()) {
-    int32_t id[kEach];
-    bool covered = false;
-    for (int j = 0; j < kEach; ++j) {
-      id[j] = next[j];
-      covered = covered || id[j] >= 0;
-    }
-    if (group + warps_of_grid() < groups) load_group(job, group + warps_of_grid(), pixels, next);
-    const Place mine = place_of(job, view, rest + kEach * lane);
-    put_background(job, codes, mine, group * kPixels + kEach * lane, pixels, room);
-    if (lane < kWords) room->clipped[lane] = room->drawn[lane] = 0;
-    if (__any_sync(kAllLanes, covered)) {
-      const int2 found = find_runs(job, id, mine.x, room);
-      __syncwarp();
-      for (int base = 0; base < found.x; base += kRuns) {
-        const int r = base + lane;
-        if (r < found.x) {
-          const int first = room->first[r], n = (r + 1 < found.x ? room->begin[r + 1] : found.y) - room->begin[r];
-          const int32_t triangle = room->triangle[r];
-          const Place at = place_of(job, view, rest + first);
-          const Fate fate = set_up_run(job, at, triangle, &room->run[lane]);
-          if (fate != Fate::kWhole) room->run[lane].skin.bits = kNotDrawn;
-          if (fate == Fate::kClip) {
-            list_clipped(work, key_of(at.view, triangle));
-            set_bits(room->clipped, first, n);
-          }
-          if (work.drawn && fate == Fate::kWhole) set_bits(room->drawn, first, n);
-        }
-        __syncwarp();
-        const int end = base + kRuns < found.x ? room->begin[base + kRuns] : found.y;
-        for (int c = room->begin[base] + lane; c < end; c += kWarp) {
-          const int k = room->run_of[c], i = c - room->begin[k];
-          const Run& run = room->run[k - base];
-          if (run.skin.bits & kNotDrawn) continue;
-          float weight[3], linear[3];
-          weigh(run, i, weight);
-          const int pixel = room->first[k] + i;
-          finish(job, work, codes, run.skin, weight, group * kPixels + pixel, linear);
-          if (job.image)
-            encode(codes, job.channels, linear, reinterpret_cast<uint8_t*>(room->image) + job.channels * pixel);
-        }
-        __syncwarp();
-      }
-    } else {
-      __syncwarp();
-    }
-    if (lane < kWords) {
-      work.clipped[group * kWords + lane] = room->clipped[lane];
-      if (work.drawn) work.drawn[group * kWords + lane] = room->drawn[lane];
-    }
-    store_image(job, group, pixels, *room);
-    __syncwarp();
-    view += stride_views;
-    rest += stride_rest;
-    if (rest >= of_view) rest -= of_view, ++view;
+  Room* room = rooms + this_warp();
+  const Codes& codes = *work.codes;
+  const int lane = lane_id(), of_view = job.height * job.width;
+  const int64_t pixels = job.views * of_view, group = warp_in_grid(), start = group * kPixels;
+  if (start >= pixels) return;
+  // 32 bits for all but the largest batches: a division of 64 takes a hundred instructions.
+  const int64_t view = pixels <= UINT32_MAX ? (uint32_t)start / (uint32_t)of_view : start / of_view;
+  const int rest = (int)(start - view * of_view);  // the group's first pixel within its view
+  int32_t id[kEach];
+  load_group(job, group, pixels, id);
+  bool covered = false, open = false;
+  for (int j = 0; j < kEach; ++j) {
+    covered = covered || id[j] >= 0;
+    open = open || id[j] < 0;
   }
+  const Place mine = place_of(job, view, rest + kEach * lane);
+  const bool any_covered = __any_sync(kAllLanes, covered);
+  if (__any_sync(kAllLanes, open)) put_background(job, work, mine, start + kEach * lane, pixels, room);
+  if (lane < kWords) room->clipped[lane] = room->drawn[lane] = 0;
+  if (any_covered) {
+    const int2 found = find_runs(job, id, mine.x, room);
+    __syncwarp();
+    for (int base = 0; base < found.x; base += kRuns) {
+      const int r = base + lane;
+      if (r < found.x) {
+        const int first = room->first[r], n = (r + 1 < found.x ? room->begin[r + 1] : found.y) - room->begin[r];
+        const int32_t triangle = room->triangle[r];
+        const Place at = place_of(job, view, rest + first);
+        const Fate fate = set_up_run(job, at, triangle, &room->run[lane]);
+        if (fate != Fate::kWhole) room->run[lane].skin.bits = kNotDrawn;
+        if (fate == Fate::kClip) {
+          list_clipped(work, key_of(at.view, triangle));
+          set_bits(room->clipped, first, n);
+        }
+        if (work.drawn && fate == Fate::kWhole) set_bits(room->drawn, first, n);
+      }
+      __syncwarp();
+      const int end = base + kRuns < found.x ? room->begin[base + kRuns] : found.y;
+      for (int c = room->begin[base] + lane; c < end; c += kWarp) {
+        const int k = room->run_of[c], i = c - room->begin[k];
+        const Run& run = room->run[k - base];
+        if (run.skin.bits & kNotDrawn) continue;
+        float weight[3], linear[3];
+        weigh(run, i, weight);
+        const int pixel = room->first[k] + i;
+        finish(job, work, codes, run.skin, weight, start + pixel, linear);
+        if (job.image)
+          encode(codes, job.channels, linear, reinterpret_cast<uint8_t*>(room->image) + job.channels * pixel);
+      }
+      __syncwarp();
+    }
+  } else {
+    __syncwarp();
+  }
+  if (lane < kWords) {
+    work.clipped[group * kWords + lane] = room->clipped[lane];
+    if (work.drawn) work.drawn[group * kWords + lane] = room->drawn[lane];
+  }
+  store_image(job, group, pixels, *room);
 }
 
 // --- Triangles that are clipped
@@ -578,12 +585,17 @@ __device__ __forceinline__ void weigh_clipped(const ClippedFan& clipped, int x, 
   }
 }
 
-// Finishes a pixel of a clipped triangle. False if nothing is left of the triangle.
-__device__ __forceinline__ bool finish_clipped(const Shading& job, const Work& work, const Codes& codes,
-                                               const ClippedFan& clipped, const Place& at, int32_t triangle,
-                                               int64_t i) {
-  if (clipped.count == 0) return false;
-  const Frame f = frame_of(job, at.view);
+// A clipped triangle that a warp has at hand. In shared memory.
+struct HeldClipped {
+  Skin skin;
+  bool drawn;
+};
+
+// Makes ready what all pixels of a clipped triangle have in common, with one lane.
+__device__ __forceinline__ void hold_clipped(const Shading& job, const ClippedFan& clipped, uint64_t key,
+                                             HeldClipped* out) {
+  const Frame f = frame_of(job, (int64_t)(key >> 32));
+  const int32_t triangle = (int32_t)(key & 0xffffffff);
   int32_t index[3], vertex[3];
   load_indices(f, triangle, index);
   bool back = false;
@@ -593,32 +605,25 @@ __device__ __forceinline__ bool finish_clipped(const Shading& job, const Work& w
     back = is_back(corner[0], corner[1], corner[2]);
   }
   for (int k = 0; k < 3; ++k) vertex[k] = pick(index, (clipped.first + k) % 3);
-  Skin skin;
-  if (!load_skin(job, triangle, vertex, back, &skin)) return false;
-  float weight[3], linear[3];
-  weigh_clipped(clipped, at.x, at.y, weight);
-  finish(job, work, codes, skin, weight, i, linear);
-  if (job.image) encode(codes, job.channels, linear, job.image + job.channels * i);
-  return true;
+  out->drawn = load_skin(job, triangle, vertex, back, &out->skin) && clipped.count > 0;
 }
 
-__global__ void __launch_bounds__(kShadeThreads)
-    shade_clipped(const __grid_constant__ Shading job, const __grid_constant__ Tables tables,
-                  const __grid_constant__ Work work) {
-  __shared__ Codes codes;
+__global__ void __launch_bounds__(kShadeThreads, 4)
+    shade_clipped(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   __shared__ ClipScratch scratch[kShadeWarps];
   __shared__ ClippedFan own[kShadeWarps];  // what found no place in the table
+  __shared__ HeldClipped held_by_warp[kShadeWarps];
   wait_for_previous();
   if (*work.any == kFree) return;
-  fill_codes(tables, &codes);
-  __syncthreads();
+  const Codes& codes = *work.codes;
+  HeldClipped* hold = held_by_warp + this_warp();
   const int lane = lane_id();
   const int64_t of_view = (int64_t)job.height * job.width, pixels = job.views * of_view;
   const int64_t words = (pixels + kWarp - 1) / kWarp;
+  const ClippedFan* held = nullptr;
+  uint64_t held_key = kFree;
   for (int64_t base = warp_in_grid() * kWordsAtOnce; base < words; base += warps_of_grid() * kWordsAtOnce) {
     const uint32_t loaded = lane < kWordsAtOnce && base + lane < words ? work.clipped[base + lane] : 0;
-    const ClippedFan* held = nullptr;
-    uint64_t held_key = kFree;
     for (unsigned left = __ballot_sync(kAllLanes, loaded != 0); left; left &= left - 1) {
       const int k = __ffs(left) - 1;
       const uint32_t bits = __shfl_sync(kAllLanes, loaded, k);
@@ -633,14 +638,22 @@ __global__ void __launch_bounds__(kShadeThreads)
         if (next != held_key) {
           held = find_clipped(work, next);
           held_key = next;
+          __syncwarp();
           if (!held) {
-            __syncwarp();
             clip(frame_of(job, (int64_t)(next >> 32)), (int32_t)(next & 0xffffffff), scratch + this_warp(),
                  own + this_warp());
             held = own + this_warp();
           }
+          if (lane == 0) hold_clipped(job, *held, next, hold);
+          __syncwarp();
         }
-        if (key == next) drawn = finish_clipped(job, work, codes, *held, at, triangle, i);
+        if (key == next && hold->drawn) {
+          float weight[3], linear[3];
+          weigh_clipped(*held, at.x, at.y, weight);
+          finish(job, work, codes, hold->skin, weight, i, linear);
+          if (job.image) encode(codes, job.channels, linear, job.image + job.channels * i);
+          drawn = true;
+        }
         waiting &= ~__ballot_sync(kAllLanes, key == next);
       }
       const unsigned all = __ballot_sync(kAllLanes, drawn);
@@ -653,12 +666,9 @@ __global__ void __launch_bounds__(kShadeThreads)
 
 // The samples' mean, a thread a pixel.
 __global__ void __launch_bounds__(kShadeThreads)
-    add_samples(const __grid_constant__ Shading job, const __grid_constant__ Tables tables,
-                const float* __restrict__ linear, const uint32_t* __restrict__ drawn) {
-  __shared__ Codes codes;
-  fill_codes(tables, &codes);
+    add_samples(const __grid_constant__ Shading job, const Codes* __restrict__ codes, const float* __restrict__ linear,
+                const uint32_t* __restrict__ drawn) {
   wait_for_previous();
-  __syncthreads();
   const int n = job.samples, width = job.width / n, height = job.height / n;
   const int64_t pixels = job.views * height * width;
   for (int64_t i = (int64_t)blockIdx.x * kShadeThreads + threadIdx.x; i < pixels;
@@ -672,7 +682,7 @@ __global__ void __launch_bounds__(kShadeThreads)
         for (int c = 0; c < 3; ++c) total[c] = total[c] + linear[3 * sample + c];
         covered += drawn[sample / kWarp] >> (sample % kWarp) & 1;
       }
-    store_mean(total, covered, n * n, job.channels, codes.encode, job.image + job.channels * i);
+    store_mean(total, covered, n * n, job.channels, codes->encode, job.image + job.channels * i);
   }
 }
 
@@ -692,6 +702,8 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
   const int64_t pixels = job.views * job.height * job.width, words = (pixels + kPixels - 1) / kPixels * kWords;
   out.work.keys = scratch->take<uint64_t>(kListed + 1);
   out.work.any = out.work.keys + kListed;
+  out.work.codes = scratch->take<Codes>(1);
+  out.work.background = scratch->take<uint32_t>(job.height / job.samples);
   out.work.records = scratch->take<ClippedFan>(kListed);
   out.work.clipped = scratch->take<uint32_t>(words);
   if (job.samples > 1) out.work.drawn = scratch->take<uint32_t>(words);
@@ -723,7 +735,11 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
     for (int i = 0; i < count; ++i) some.texture[i] = job.surface.textures[first + i];
     BIGTRI_CUDA(launch_first(put_textures, 1, kTexturesAtOnce, 0, stream, some, at.textures + first, count));
   }
-  return cudaMemsetAsync(at.work.keys, 0xff, (kListed + 1) * sizeof(uint64_t), stream);
+  Thresholds thresholds;
+  for (int i = 0; i < 255; ++i) thresholds.value[i] = job.thresholds[i];
+  const int rows = job.height / job.samples, items = kSrgbSteps + 1 > rows ? kSrgbSteps + 1 : rows;
+  return launch_first(begin_frame, (items + kShadeThreads - 1) / kShadeThreads, kShadeThreads, 0, stream, job,
+                      thresholds, at.work);
 }
 
 cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
@@ -732,9 +748,6 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
   at.work.many = at.textures;
   if (!at.textures)
     for (int i = 0; i < given.surface.texture_count; ++i) at.work.few[i] = given.surface.textures[i];
-  Tables tables;
-  for (int i = 0; i < 255; ++i) tables.thresholds[i] = given.thresholds[i];
-  for (int i = 0; i < 256; ++i) tables.decoded[i] = decode_srgb(257 * i);
   Shading job = given;
   const bool several = job.samples > 1;
   if (several) {
@@ -742,20 +755,18 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
     if (!job.linear) job.linear = at.linear;
   }
   const int64_t pixels = job.views * job.height * job.width, words = (pixels + kWarp - 1) / kWarp;
+  const int64_t groups = (pixels + kPixels - 1) / kPixels;
+  BIGTRI_CUDA(launch_next(shade_whole, (unsigned)((groups + kShadeWarps - 1) / kShadeWarps), kShadeThreads, 0, stream,
+                          job, at.work));
   int blocks;
-  BIGTRI_CUDA(blocks_of(shade_whole, (pixels + kPixels - 1) / kPixels, &blocks));
-  if (job.next)
-    BIGTRI_CUDA(launch_next(shade_whole, blocks, kShadeThreads, 0, stream, job, tables, at.work));
-  else
-    BIGTRI_CUDA(launch_first(shade_whole, blocks, kShadeThreads, 0, stream, job, tables, at.work));
   BIGTRI_CUDA(launch_next(clip_listed, kListed / kShadeWarps, kShadeThreads, 0, stream, job, at.work));
   BIGTRI_CUDA(blocks_of(shade_clipped, (words + kWordsAtOnce - 1) / kWordsAtOnce, &blocks));
-  BIGTRI_CUDA(launch_next(shade_clipped, blocks, kShadeThreads, 0, stream, job, tables, at.work));
+  BIGTRI_CUDA(launch_next(shade_clipped, blocks, kShadeThreads, 0, stream, job, at.work));
   if (!several) return cudaSuccess;
   const float* linear = job.linear;
   job.image = given.image;
   BIGTRI_CUDA(blocks_of(add_samples, (pixels / (job.samples * job.samples) + kWarp - 1) / kWarp, &blocks));
-  return launch_next(add_samples, blocks, kShadeThreads, 0, stream, job, tables, linear,
+  return launch_next(add_samples, blocks, kShadeThreads, 0, stream, job, (const Codes*)at.work.codes, linear,
                      (const uint32_t*)at.work.drawn);
 }
 
