@@ -39,7 +39,13 @@ static_assert(kRuns == kWarp, "a lane sets up a run");
 enum { kUv = 0, kColor = 2, kNormal = 5, kChannels = 8 };
 
 // Bits of Skin::bits beside those of LookBit, which stay where the surface has the data.
-enum : int32_t { kSmoothNormal = 1 << 8, kFaceNormal = 1 << 9, kAffine = 1 << 10, kNotDrawn = 1 << 11 };
+enum : int32_t {
+  kSmoothNormal = 1 << 8,
+  kFaceNormal = 1 << 9,
+  kAffine = 1 << 10,
+  kNotDrawn = 1 << 11,
+  kIsClipped = 1 << 12
+};
 
 // What a triangle looks like.
 struct Skin {
@@ -56,7 +62,7 @@ using EdgeAlongRow = std::conditional_t<Rung::kWideEdges, int64_t, double>;
 
 // Pixels of a row of one triangle that is not clipped. e_k at the run's pixel i is start[k] + step[k] * i.
 struct alignas(16) Run {
-  EdgeAlongRow start[3], step[3];
+  EdgeAlongRow start[3], step[3], down[3];
   Divisor area, w[3];
   Skin skin;
 };
@@ -90,6 +96,7 @@ struct Work {
   Codes* codes;
   uint32_t* background;  // [H / samples]: of each row of the picture, the lowest byte first
   ClippedFan* records;    // [kListed]
+  Run* runs;           // [views, T], where triangles are set up before they are met; else null
   uint32_t* clipped;   // a bit for each pixel: whether its triangle is clipped
   uint32_t* drawn;     // the same: whether it is not the background; null where nobody asks
   const Texture* many;  // all textures, where there are more than kTextures; else null
@@ -308,6 +315,7 @@ __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, 
     const Edge edge = edge_of(p.x, p.y, k);
     out->start[k] = (EdgeAlongRow)edge_value(edge, pixel_centre(at.x), pixel_centre(at.y));
     out->step[k] = -(EdgeAlongRow)kSubpixel * edge.dy;
+    out->down[k] = (EdgeAlongRow)kSubpixel * edge.dx;
     out->w[k] = divisor(pick(w, p.order[k]));
   }
   out->area = divisor((double)p.area);
@@ -315,16 +323,16 @@ __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, 
   return Fate::kWhole;
 }
 
-// The weights of a run's pixel i.
-__device__ __forceinline__ void weigh(const Run& run, int i, float weight[3]) {
+// The weights of the pixel i to the right and j below the one that the run was set up from. i, j: not negative.
+__device__ __forceinline__ void weigh(const Run& run, int i, int j, float weight[3]) {
   using Number = std::conditional_t<kFloatWeights, float, double>;
   const bool affine = run.skin.bits & kAffine;
   Number e[3], b[3];
   for (int k = 0; k < 3; ++k) {
     if constexpr (Rung::kWideEdges)
-      e[k] = (Number)(double)(run.start[k] + run.step[k] * i);
+      e[k] = (Number)(double)(run.start[k] + run.step[k] * i + run.down[k] * j);
     else
-      e[k] = (Number)(run.start[k] + run.step[k] * exact_double(i));
+      e[k] = (Number)((run.start[k] + run.step[k] * exact_double(i)) + run.down[k] * exact_double(j));
   }
   if constexpr (kFloatWeights) {
     const double w[3] = {run.w[0].value, run.w[1].value, run.w[2].value};
@@ -357,7 +365,7 @@ __device__ __forceinline__ void load_group(const Shading& job, int64_t group, in
 // The lane's pixels of the background, from place `at` on: into the group's part of the picture, and into what else is
 // wanted. A picture has a sample a pixel here.
 __device__ __forceinline__ void put_background(const Shading& job, const Work& work, Place at, int64_t first,
-                                               int64_t pixels, Room* room) {
+                                               int64_t pixels, uint32_t* image) {
   const int lane = lane_id();
   if (job.image) {
     uint32_t color[kEach];
@@ -372,9 +380,9 @@ __device__ __forceinline__ void put_background(const Shading& job, const Work& w
       }
     }
     if (job.channels == 4) {
-      for (int j = 0; j < kEach; ++j) room->image[kEach * lane + j] = color[j];
+      for (int j = 0; j < kEach; ++j) image[kEach * lane + j] = color[j];
     } else {
-      uint32_t* to = room->image + 3 * lane;
+      uint32_t* to = image + 3 * lane;
       to[0] = color[0] | color[1] << 24;
       to[1] = color[1] >> 8 | color[2] << 16;
       to[2] = color[2] >> 16 | color[3] << 8;
@@ -395,15 +403,15 @@ __device__ __forceinline__ void put_background(const Shading& job, const Work& w
 }
 
 // A group's part of the picture goes to memory, with all lanes.
-__device__ __forceinline__ void store_image(const Shading& job, int64_t group, int64_t pixels, const Room& room) {
+__device__ __forceinline__ void store_image(const Shading& job, int64_t group, int64_t pixels, const uint32_t* image) {
   if (!job.image) return;
   uint8_t* to = job.image + group * kPixels * job.channels;
   if ((group + 1) * kPixels <= pixels && ((uintptr_t)job.image & 3) == 0) {
     for (int i = 0; i < job.channels; ++i)
-      reinterpret_cast<uint32_t*>(to)[i * kWarp + lane_id()] = room.image[i * kWarp + lane_id()];
+      reinterpret_cast<uint32_t*>(to)[i * kWarp + lane_id()] = image[i * kWarp + lane_id()];
   } else {
     const int bytes = (int)min_of<int64_t>(pixels - group * kPixels, kPixels) * job.channels;
-    for (int i = lane_id(); i < bytes; i += kWarp) to[i] = reinterpret_cast<const uint8_t*>(room.image)[i];
+    for (int i = lane_id(); i < bytes; i += kWarp) to[i] = reinterpret_cast<const uint8_t*>(image)[i];
   }
 }
 
@@ -466,7 +474,7 @@ __global__ void __launch_bounds__(kShadeThreads, 6)
   }
   const Place mine = place_of(job, view, rest + kEach * lane);
   const bool any_covered = __any_sync(kAllLanes, covered);
-  if (__any_sync(kAllLanes, open)) put_background(job, work, mine, start + kEach * lane, pixels, room);
+  if (__any_sync(kAllLanes, open)) put_background(job, work, mine, start + kEach * lane, pixels, room->image);
   if (lane < kWords) room->clipped[lane] = room->drawn[lane] = 0;
   if (any_covered) {
     const int2 found = find_runs(job, id, mine.x, room);
@@ -492,7 +500,7 @@ __global__ void __launch_bounds__(kShadeThreads, 6)
         const Run& run = room->run[k - base];
         if (run.skin.bits & kNotDrawn) continue;
         float weight[3], linear[3];
-        weigh(run, i, weight);
+        weigh(run, i, 0, weight);
         const int pixel = room->first[k] + i;
         finish(job, work, codes, run.skin, weight, start + pixel, linear);
         if (job.image)
@@ -507,7 +515,79 @@ __global__ void __launch_bounds__(kShadeThreads, 6)
     work.clipped[group * kWords + lane] = room->clipped[lane];
     if (work.drawn) work.drawn[group * kWords + lane] = room->drawn[lane];
   }
-  store_image(job, group, pixels, *room);
+  store_image(job, group, pixels, room->image);
+}
+
+// --- The same, of triangles that have been set up before
+
+// Sets up every triangle of every view, from pixel (0, 0) on, a thread a triangle.
+__global__ void __launch_bounds__(kShadeThreads)
+    set_up_all(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
+  wait_for_previous();
+  const int64_t i = (int64_t)blockIdx.x * kShadeThreads + threadIdx.x;
+  if (i >= job.views * job.count) return;
+  const int64_t view = i / job.count;
+  Run run;
+  const Fate fate = set_up_run(job, {view, 0, 0}, (int32_t)(i - view * job.count), &run);
+  if (fate != Fate::kWhole) run.skin.bits = fate == Fate::kClip ? kNotDrawn | kIsClipped : kNotDrawn;
+  work.runs[i] = run;
+}
+
+// Shared memory of a warp.
+struct SmallRoom {
+  uint32_t image[kPixels];    // the group's part of the picture
+  int32_t triangle[kPixels];  // of each pixel; -1: background
+};
+
+// A warp takes one group, as in shade_whole.
+__global__ void __launch_bounds__(kShadeThreads)
+    shade_prepared(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
+  __shared__ SmallRoom rooms[kShadeWarps];
+  wait_for_previous();
+  SmallRoom* room = rooms + this_warp();
+  const Codes& codes = *work.codes;
+  const int lane = lane_id(), of_view = job.height * job.width;
+  const int64_t pixels = job.views * of_view, group = warp_in_grid(), start = group * kPixels;
+  if (start >= pixels) return;
+  const int64_t view = pixels <= UINT32_MAX ? (uint32_t)start / (uint32_t)of_view : start / of_view;
+  const int rest = (int)(start - view * of_view);
+  int32_t id[kEach];
+  load_group(job, group, pixels, id);
+  bool open = false;
+  for (int j = 0; j < kEach; ++j) {
+    open = open || id[j] < 0;
+    room->triangle[kEach * lane + j] = id[j];
+  }
+  if (__any_sync(kAllLanes, open))
+    put_background(job, work, place_of(job, view, rest + kEach * lane), start + kEach * lane, pixels, room->image);
+  __syncwarp();
+  for (int j = 0; j < kWords; ++j) {
+    const int pixel = j * kWarp + lane;
+    const int32_t triangle = room->triangle[pixel];
+    uint32_t bits = kNotDrawn;
+    if (triangle >= 0) {
+      const Place at = place_of(job, view, rest + pixel);
+      const Run& run = work.runs[at.view * job.count + triangle];
+      bits = run.skin.bits;
+      if (!(bits & kNotDrawn)) {
+        float weight[3], linear[3];
+        weigh(run, at.x, at.y, weight);
+        finish(job, work, codes, run.skin, weight, start + pixel, linear);
+        if (job.image)
+          encode(codes, job.channels, linear, reinterpret_cast<uint8_t*>(room->image) + job.channels * pixel);
+      } else if (bits & kIsClipped) {
+        list_clipped(work, key_of(at.view, triangle));
+      }
+    }
+    const unsigned clipped = __ballot_sync(kAllLanes, bits & kIsClipped),
+                   drawn = __ballot_sync(kAllLanes, !(bits & kNotDrawn));
+    if (lane == 0) {
+      work.clipped[group * kWords + j] = clipped;
+      if (work.drawn) work.drawn[group * kWords + j] = drawn;
+    }
+  }
+  __syncwarp();
+  store_image(job, group, pixels, room->image);
 }
 
 // --- Triangles that are clipped
@@ -697,6 +777,13 @@ struct Layout {
   Texture* textures;
 };
 
+// Whether every triangle is set up once, whether it is seen or not: where there are many pixels for each, on average. Else
+// the warps set up what they meet.
+constexpr int64_t kPixelsToPrepare = 12;
+bool prepares(const Shading& job) {
+  return job.views * job.count * kPixelsToPrepare <= job.views * job.height * job.width;
+}
+
 Layout lay_out(const Shading& job, Scratch* scratch) {
   Layout out = {};
   const int64_t pixels = job.views * job.height * job.width, words = (pixels + kPixels - 1) / kPixels * kWords;
@@ -706,6 +793,7 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
   out.work.background = scratch->take<uint32_t>(job.height / job.samples);
   out.work.records = scratch->take<ClippedFan>(kListed);
   out.work.clipped = scratch->take<uint32_t>(words);
+  if (prepares(job)) out.work.runs = scratch->take<Run>(job.views * job.count);
   if (job.samples > 1) out.work.drawn = scratch->take<uint32_t>(words);
   if (job.samples > 1 && !job.linear) out.linear = scratch->take<float>(3 * pixels);
   if (job.surface.texture_count > kTextures) out.textures = scratch->take<Texture>(job.surface.texture_count);
@@ -756,8 +844,13 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
   }
   const int64_t pixels = job.views * job.height * job.width, words = (pixels + kWarp - 1) / kWarp;
   const int64_t groups = (pixels + kPixels - 1) / kPixels;
-  BIGTRI_CUDA(launch_next(shade_whole, (unsigned)((groups + kShadeWarps - 1) / kShadeWarps), kShadeThreads, 0, stream,
-                          job, at.work));
+  const int64_t triangles = job.views * job.count;
+  if (at.work.runs && triangles)
+    BIGTRI_CUDA(launch_next(set_up_all, (triangles + kShadeThreads - 1) / kShadeThreads, kShadeThreads, 0, stream, job,
+                            at.work));
+  const auto kernel = at.work.runs ? shade_prepared : shade_whole;
+  BIGTRI_CUDA(launch_next(kernel, (unsigned)((groups + kShadeWarps - 1) / kShadeWarps), kShadeThreads, 0, stream, job,
+                          at.work));
   int blocks;
   BIGTRI_CUDA(launch_next(clip_listed, kListed / kShadeWarps, kShadeThreads, 0, stream, job, at.work));
   BIGTRI_CUDA(blocks_of(shade_clipped, (words + kWordsAtOnce - 1) / kWordsAtOnce, &blocks));
