@@ -132,36 +132,6 @@ __device__ __forceinline__ Place place_of(const Shading& job, int64_t view, uint
   return {view, (int)rest - y * job.width, y};
 }
 
-// --- Before the frame
-
-// Empties the table of clipped triangles, and makes what the frame looks up: a thread an item of each.
-__global__ void __launch_bounds__(kShadeThreads)
-    begin_frame(const __grid_constant__ Shading job, const __grid_constant__ Thresholds thresholds,
-                const __grid_constant__ Work work) {
-  __shared__ float shared[255];
-  for (int k = threadIdx.x; k < 255; k += kShadeThreads) shared[k] = thresholds.value[k];
-  __syncthreads();
-  const int i = (int)(blockIdx.x * kShadeThreads + threadIdx.x), n = job.samples;
-  Codes* codes = work.codes;
-  if (i <= kListed) work.keys[i] = kFree;
-  if (i < 256) {
-    codes->encode.thresholds[i] = i < 255 ? shared[i] : kNotANumber;
-    codes->decoded[i] = decode_srgb(257 * i);
-  }
-  if (i <= kSrgbSteps) codes->encode.start[i] = encode_srgb((float)i / kSrgbSteps, shared);
-  if (i >= job.height / n) return;
-  float total[3] = {0.0f, 0.0f, 0.0f};
-  for (int y = 0; y < n; ++y) {
-    float one[3];
-    background_at(job.surface, i * n + y, job.height, job.channels, one);
-    for (int x = 0; x < n; ++x)
-      for (int c = 0; c < 3; ++c) total[c] = total[c] + one[c];
-  }
-  uint8_t pixel[4] = {0, 0, 0, 0};
-  store_mean(total, 0, n * n, job.channels, (const float*)shared, pixel);
-  work.background[i] = pixel[0] | pixel[1] << 8 | pixel[2] << 16 | (uint32_t)pixel[3] << 24;
-}
-
 // --- A fragment: what it looks like
 
 // Fills a triangle's skin. vertex: in the order that weights are in; they name vertices. False if its material does not
@@ -518,19 +488,43 @@ __global__ void __launch_bounds__(kShadeThreads, 6)
   store_image(job, group, pixels, room->image);
 }
 
-// --- The same, of triangles that have been set up before
+// --- The same, of triangles that are set up before the frame
 
-// Sets up every triangle of every view, from pixel (0, 0) on, a thread a triangle.
+// Empties the table of clipped triangles, and makes what the frame looks up: a thread an item of each. Sets up every
+// triangle of every view from pixel (0, 0) on, where they are set up before they are met.
 __global__ void __launch_bounds__(kShadeThreads)
-    set_up_all(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
-  wait_for_previous();
-  const int64_t i = (int64_t)blockIdx.x * kShadeThreads + threadIdx.x;
-  if (i >= job.views * job.count) return;
-  const int64_t view = i / job.count;
-  Run run;
-  const Fate fate = set_up_run(job, {view, 0, 0}, (int32_t)(i - view * job.count), &run);
-  if (fate != Fate::kWhole) run.skin.bits = fate == Fate::kClip ? kNotDrawn | kIsClipped : kNotDrawn;
-  work.runs[i] = run;
+    begin_frame(const __grid_constant__ Shading job, const __grid_constant__ Thresholds thresholds,
+                const __grid_constant__ Work work) {
+  __shared__ float shared[255];
+  for (int k = threadIdx.x; k < 255; k += kShadeThreads) shared[k] = thresholds.value[k];
+  __syncthreads();
+  const int64_t item = (int64_t)blockIdx.x * kShadeThreads + threadIdx.x;
+  if (work.runs && item < job.views * job.count) {
+    const int64_t view = item / job.count;
+    Run run;
+    const Fate fate = set_up_run(job, {view, 0, 0}, (int32_t)(item - view * job.count), &run);
+    if (fate != Fate::kWhole) run.skin.bits = fate == Fate::kClip ? kNotDrawn | kIsClipped : kNotDrawn;
+    work.runs[item] = run;
+  }
+  const int n = job.samples, i = (int)min_of<int64_t>(item, INT32_MAX);
+  Codes* codes = work.codes;
+  if (i <= kListed) work.keys[i] = kFree;
+  if (i < 256) {
+    codes->encode.thresholds[i] = i < 255 ? shared[i] : kNotANumber;
+    codes->decoded[i] = decode_srgb(257 * i);
+  }
+  if (i <= kSrgbSteps) codes->encode.start[i] = encode_srgb((float)i / kSrgbSteps, shared);
+  if (i >= job.height / n) return;
+  float total[3] = {0.0f, 0.0f, 0.0f};
+  for (int y = 0; y < n; ++y) {
+    float one[3];
+    background_at(job.surface, i * n + y, job.height, job.channels, one);
+    for (int x = 0; x < n; ++x)
+      for (int c = 0; c < 3; ++c) total[c] = total[c] + one[c];
+  }
+  uint8_t pixel[4] = {0, 0, 0, 0};
+  store_mean(total, 0, n * n, job.channels, (const float*)shared, pixel);
+  work.background[i] = pixel[0] | pixel[1] << 8 | pixel[2] << 16 | (uint32_t)pixel[3] << 24;
 }
 
 // Shared memory of a warp.
@@ -553,15 +547,21 @@ __global__ void __launch_bounds__(kShadeThreads)
   const int rest = (int)(start - view * of_view);
   int32_t id[kEach];
   load_group(job, group, pixels, id);
-  bool open = false;
+  bool covered = false, open = false;
   for (int j = 0; j < kEach; ++j) {
+    covered = covered || id[j] >= 0;
     open = open || id[j] < 0;
     room->triangle[kEach * lane + j] = id[j];
   }
+  const bool any_covered = __any_sync(kAllLanes, covered);
   if (__any_sync(kAllLanes, open))
     put_background(job, work, place_of(job, view, rest + kEach * lane), start + kEach * lane, pixels, room->image);
   __syncwarp();
-  for (int j = 0; j < kWords; ++j) {
+  if (!any_covered && lane < kWords) {
+    work.clipped[group * kWords + lane] = 0;
+    if (work.drawn) work.drawn[group * kWords + lane] = 0;
+  }
+  for (int j = 0; any_covered && j < kWords; ++j) {
     const int pixel = j * kWarp + lane;
     const int32_t triangle = room->triangle[pixel];
     uint32_t bits = kNotDrawn;
@@ -779,7 +779,7 @@ struct Layout {
 
 // Whether every triangle is set up once, whether it is seen or not: where there are many pixels for each, on average. Else
 // the warps set up what they meet.
-constexpr int64_t kPixelsToPrepare = 12;
+constexpr int64_t kPixelsToPrepare = 24;
 bool prepares(const Shading& job) {
   return job.views * job.count * kPixelsToPrepare <= job.views * job.height * job.width;
 }
@@ -825,7 +825,8 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
   }
   Thresholds thresholds;
   for (int i = 0; i < 255; ++i) thresholds.value[i] = job.thresholds[i];
-  const int rows = job.height / job.samples, items = kSrgbSteps + 1 > rows ? kSrgbSteps + 1 : rows;
+  const int64_t rows = job.height / job.samples, triangles = at.work.runs ? job.views * job.count : 0;
+  const int64_t items = max_of(max_of<int64_t>(kSrgbSteps + 1, rows), triangles);
   return launch_first(begin_frame, (items + kShadeThreads - 1) / kShadeThreads, kShadeThreads, 0, stream, job,
                       thresholds, at.work);
 }
@@ -844,10 +845,6 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
   }
   const int64_t pixels = job.views * job.height * job.width, words = (pixels + kWarp - 1) / kWarp;
   const int64_t groups = (pixels + kPixels - 1) / kPixels;
-  const int64_t triangles = job.views * job.count;
-  if (at.work.runs && triangles)
-    BIGTRI_CUDA(launch_next(set_up_all, (triangles + kShadeThreads - 1) / kShadeThreads, kShadeThreads, 0, stream, job,
-                            at.work));
   const auto kernel = at.work.runs ? shade_prepared : shade_whole;
   BIGTRI_CUDA(launch_next(kernel, (unsigned)((groups + kShadeWarps - 1) / kShadeWarps), kShadeThreads, 0, stream, job,
                           at.work));
