@@ -195,13 +195,6 @@ void stage_interpolate_row(const AttributeJob& job, int64_t view, int64_t y, Par
   }
 }
 
-template <class Texture>
-void stage_sample(Texture texture, int height, int width, int64_t channels, const float* uv, int64_t count,
-                  Filter filter, Wrap wrap, float* out) {
-  for (int64_t i = 0; i < count; ++i)
-    sample(texture, height, width, channels, uv[2 * i], uv[2 * i + 1], filter, wrap, out + channels * i);
-}
-
 void stage_lambert(const float* normals, const float* albedo, const float* ambient, const float* directions,
                    const float* colors, int64_t lights, int64_t count, float* out) {
   for (int64_t i = 0; i < count; ++i)
