@@ -76,12 +76,13 @@ void sample_vectors(const Texture& texture, int height, int width, const float* 
     const int n = (int)min_of<int64_t>(kLookups, count - first);
     find_texels(height, width, uv + 2 * first, n, filter, wrap, &at);
     for (int i = 0; i < n; ++i) {
-      const auto texel = [&](int row, int column) __attribute__((always_inline)) {
-        return texel_at<kChannels>(texture, (int64_t)at.y[row][i] * width + at.x[column][i], texels);
-      };
-      f32x4 result = texel(0, 0);
+      const int64_t upper = (int64_t)at.y[0][i] * width;
+      f32x4 result = texel_at<kChannels>(texture, upper + at.x[0][i], texels);
       if (filter == Filter::kBilinear) {
-        const f32x4 near[2][2] = {{result, texel(0, 1)}, {texel(1, 0), texel(1, 1)}};
+        const int64_t lower = (int64_t)at.y[1][i] * width;
+        const f32x4 near[2][2] = {{result, texel_at<kChannels>(texture, upper + at.x[1][i], texels)},
+                                  {texel_at<kChannels>(texture, lower + at.x[0][i], texels),
+                                   texel_at<kChannels>(texture, lower + at.x[1][i], texels)}};
         result = bilinear(near, splat<f32x4>(at.tx[i]), splat<f32x4>(at.ty[i]));
       }
       // A fourth lane too many lies where the next lookup's result will be; after the last one may be another thread's.
