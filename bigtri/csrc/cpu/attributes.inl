@@ -1,6 +1,5 @@
 // The kernels that read a visibility buffer or values per pixel: a row of the attribute pass (called by
-// attributes.cpp), textures, Lambert shading and sRGB encoding (called by shading.cpp). Compiled once per instruction
-// set.
+// attributes.cpp), Lambert shading and sRGB encoding (called by shading.cpp). Compiled once per instruction set.
 #pragma once
 
 #include "kernels.h"

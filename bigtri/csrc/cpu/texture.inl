@@ -1,4 +1,4 @@
-// Textures by themselves: the lookups of sample_texture. Compiled once per instruction set.
+// Textures by themselves: the lookups of sample_texture, called by shading.cpp. Compiled once per instruction set.
 //
 // Many lookups at a time find where their texels are, in vectors; each of them then fetches and blends the channels of
 // its texels as one vector.
