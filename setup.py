@@ -25,6 +25,7 @@ TARGET_TORCH = "0x020a000000000000"  # torch 2.10
 FLAGS = [
     "-std=c++17",
     "-O3",
+    "-g1",  # lines for profilers and backtraces; Python's own -g would name every variable, which was most of a wheel
     "-ffp-contract=off",
     "-fvisibility=hidden",
     "-pthread",

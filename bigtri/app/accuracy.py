@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..precision import DEFAULT, PRECISIONS
+from ..precision import DEFAULT, PRECISIONS, PRESETS
 from ..study import scenes
 from . import arguments
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _QUICK = ("ties", "needles", "fight", "floor", "R4k", "S2")
 _QUICK_RUNGS = (
-    "exact,subpixel4,coverage_float32_fused,coverage_float32_inclusive,depth_float32_cell,depth_float32_vertex,"
+    "exact,balanced,fast,subpixel4,coverage_float32_fused,coverage_float32_inclusive,depth_float32_cell,depth_float32_vertex,"
     "depth_stored16,mask_none,clip_none,attributes_float32,attributes_affine"
 )
 
@@ -30,6 +30,7 @@ def parser(program: str = "bigtri accuracy") -> argparse.ArgumentParser:
         f"  {program} --quick\n"
         f"  {program} --csv accuracy.csv --plots plots\n"
         f"  {program} --scenes ties,R16k,Rcourtyard --size 1080p,4k --precision subpixel4,coverage_float32\n"
+        f"  {program} --variant bin_owned --precision {','.join(PRESETS)}\n"
         f"  {program} --model scan.ply --scenes ties\n"
         f"  {program} --breaks pictures",
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -39,7 +40,10 @@ def parser(program: str = "bigtri accuracy") -> argparse.ArgumentParser:
     result.add_argument(
         "--size", type=arguments.listed(arguments.size), default="1280x720", help="of scenes and models (default %(default)s)"
     )
-    result.add_argument("--precision", help="rungs separated by commas, or all (default: all that are compiled)")
+    result.add_argument(
+        "--precision",
+        help=f"rungs separated by commas, presets ({', '.join(PRESETS)}) among them, or all (default: all that are compiled)",
+    )
     result.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where to draw (default %(default)s)")
     result.add_argument("--variant", default="two_stage", help="the schedule of all rungs (default %(default)s, which all have)")
     result.add_argument("--threads", type=arguments.count, default=1, help="of the CPU (default %(default)s)")

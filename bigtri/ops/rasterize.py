@@ -61,10 +61,12 @@ def rasterize(
         resolution: (height, width) in px, 1 to 16384 each.
         backend: "reference" (the NumPy oracle), "native" (the extension), or "auto": native where it is built. Same bits.
         variant: how the native backend schedules the work, "auto" or one of ``bigtri.native.VARIANTS[device type]``. Same bits.
-        precision: a rung by its name, or a ``Precision``: "exact"; "subpixel4", which snaps vertices to 1/16 instead of 1/256 px;
-            "depth_reversed" for clip depth from w at the near plane to 0 at the far one (docs/numerics.md 13 says what its depth
-            image holds); and those that show what accuracy costs, ``bigtri.precision.RUNGS``. Each has its own bits, the same
-            on every backend that it is compiled for; the reference has all, and every mix of them.
+        precision: a preset or another rung by its name, or a ``Precision``. Presets: "exact"; "balanced", which draws the same
+            and computes attributes in float32; "fast", which computes depth in float32 too. None gives up coverage. Rungs:
+            "subpixel4", which snaps vertices to 1/16 instead of 1/256 px; "depth_reversed" for clip depth from w at the near
+            plane to 0 at the far one (docs/numerics.md 13 says what its depth image holds); and those that show what accuracy
+            costs, ``bigtri.precision.RUNGS``. Each has its own bits, the same on every backend that it is compiled for; the
+            reference has all, and every mix of them. ``interpolate`` takes the same.
         parameters: numbers of the variant's, by name; ``bigtri.native.REGISTRY`` says which there are and what they may be. They
             change no bit. The reference has none.
         cull: "none", "back" or "front": faces not to draw. Front faces are counter-clockwise on the screen.

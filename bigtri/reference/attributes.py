@@ -128,9 +128,12 @@ def _unsnapped_weights(
     # Seen from there: a point (x, y, w) of the triangle is that pixel's if both of these are 0.
     a, b = (corners[:, :, axis] - at[:, None] * corners[:, :, 3] for axis, at in ((0, right), (1, up)))
     u = [a[:, k] * b[:, m] - a[:, m] * b[:, k] for k, m in ((1, 2), (2, 0), (0, 1))]
-    total = (u[0] + u[1]) + u[2]
-    seen = total != 0  # 0: from the side, and drawn only because its vertices were snapped
-    return np.stack([np.where(seen, one / np.where(seen, total, 1), 0) for one in u], axis=1).astype(np.float32)
+    turn = (u[0] + u[1]) + u[2]
+    # A pixel that only the snapped triangle covers gets the weights of a point on the border.
+    v = [np.maximum(np.where(turn < 0, -one, one), 0) for one in u]
+    total = (v[0] + v[1]) + v[2]
+    seen = total != 0  # 0: all vertices are seen on one line with the pixel's centre
+    return np.stack([np.where(seen, one / np.where(seen, total, 1), 0) for one in v], axis=1).astype(np.float32)
 
 
 def _weighted(values: list[NDArray[np.floating]], by: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -501,8 +501,7 @@ def weights(
 ) -> Vector:
     """The float32 weights of the record's slots that docs/numerics.md sections 9 and 17 give pixel (px, py).
 
-    Where vertices are not snapped, those of the parent's ``corners`` [3] of (x, y, z, w), in an image of ``shape``
-    (height, width).
+    Where vertices are not snapped, those of the parent's ``corners`` [3] of (x, y, z, w), in an image of ``shape`` (H, W).
     """
     rule = arithmetic.precision.attributes
     if rule == "unsnapped":
@@ -541,8 +540,10 @@ def _unsnapped_weights(corners: Sequence[Vector], px: int, py: int, height: int,
     nx, ny = (2 * px + 1 - width) / width, (height - 2 * py - 1) / height
     (a0, b0), (a1, b1), (a2, b2) = ((x - nx * w, y - ny * w) for x, y, _, w in corners)
     u = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-    total = (u[0] + u[1]) + u[2]
-    return tuple(_round32(one / total) if total else 0.0 for one in u)
+    turned = (u[0] + u[1]) + u[2] < 0
+    v = [max(-one if turned else one, 0.0) for one in u]
+    total = (v[0] + v[1]) + v[2]
+    return tuple(_round32(one / total) if total else 0.0 for one in v)
 
 
 def _newton(reciprocal: float, of: float) -> float:

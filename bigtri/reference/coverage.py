@@ -1,8 +1,9 @@
 """Coverage: on which side of an edge a pixel's centre lies, by the rung's rule; docs/numerics.md sections 3 and 14.
 
 By every rule the value of an edge function is monotone along a row and along a column, rounded or not; where it wraps around,
-within a 64x64 px cell. So the highest value over a rectangle of centres is that at one of its corners, as computed, and so is
-the lowest: what a corner tells of a bin or of a tile holds for all of its pixels, and a row has its covered pixels side by side.
+within a 64x64 px cell. So the highest value over a rectangle of centres is that at one of its corners, as computed, and so is the
+lowest: what a corner tells of a bin or of a tile holds for all of its pixels, and a row of a cell has its covered pixels side by
+side.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A picture of each rung's break: what it draws of a scene that shows it, what exact draws, and the pixels that differ.
 
-Rungs that give up nothing but time, or nothing at all, have none: ``subpixel12``, ``subpixel16``, ``coverage_int64`` and
-``depth_fixed_cell``.
+Rungs that give up nothing but time, or nothing at all, have none: ``subpixel12``, ``subpixel16``, ``coverage_int64``,
+``depth_fixed_cell`` and ``attributes_unsnapped``. Presets break where the rungs do whose choices they have.
 """
 
 from __future__ import annotations
@@ -154,6 +154,7 @@ def _far() -> accuracy.Case:
 
 BREAKS = {
     "subpixel4": Break(_specks, (0, 0, 19, 18), "Triangles smaller than a pixel, each corner up to 1/32 px off.", _triangles),
+    "coverage_int32": Break(_slopes, (0, 0, 640, 360), "Triangles larger than 118 px: values that wrap around.", _triangles),
     "coverage_float32": Break(_HARD["far_fan"], _FAN, "48 triangles from an apex 36,000 px away.", _twice),
     "coverage_float32_fused": Break(_HARD["needles"], _SPOKES, "Pink: no needle is drawn. Yellow: another one, or two.", _twice),
     "coverage_float32_canonical": Break(_HARD["far_fan"], _FAN, "The same fan: no crack, but pixels change hands.", _twice),

@@ -10,15 +10,23 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include <list>
+#include <vector>
+
 #include "../core/precision.h"
 #include "attributes.h"
+#include "shade.h"
 #include "shading.h"
+#include "transform.h"
 #include "variant.h"
 
 namespace bigtri {
 namespace BIGTRI_RUNG {
 extern const CudaVariant* const kCudaVariants[];
 cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream);
+int64_t shading_scratch(const Shading& job);
+cudaError_t begin_shading_cuda(const Shading& job, void* scratch, cudaStream_t stream);
+cudaError_t shade_cuda(const Shading& job, void* scratch, cudaStream_t stream);
 }  // namespace BIGTRI_RUNG
 }  // namespace bigtri
 
@@ -419,6 +427,124 @@ int encode_on_cpu(const float* linear, const float* thresholds, int64_t count, u
   kernel = 0;
   const cudaError_t error = encode_srgb_cuda(numbers.get(), thresholds, count, result.of<uint8_t>(), nullptr);
   memcpy(out, result.of<uint8_t>(), count);
+  return error;
+}
+
+int transform_on_cpu(const float* points, const double* matrices, int64_t count, int64_t views, float* out) {
+  using namespace bigtri;
+  handle_faults();
+  const Copied<float> p(points, 3 * count);
+  const Copied<double> m(matrices, 16 * views);
+  const Memory result(16 * views * count, 0x33);
+  kernel = 0;
+  const cudaError_t error = transform_cuda(p.get(), m.get(), count, views, result.of<float>(), nullptr);
+  memcpy(out, result.of<float>(), 16 * views * count);
+  return error;
+}
+
+// What shade_on_cpu gets. Arrays are those of the operators `shade` and `draw`; null: left out.
+struct PictureOnCpu {
+  int64_t views, height, width, samples, channels, vertices, triangles, materials, textures, lights, two_sided, cull;
+  const void* packed;  // null: the triangles are drawn first
+  const void *positions, *indices, *uvs, *colors, *normals, *face_normals, *material, *looks, *base_colors,
+      *light_directions, *light_colors;
+  const float *constants, *thresholds;
+  const void* const* texels;  // of each texture
+  const int64_t* texture_size;  // of each texture: height, width, bytes of a value
+  void *image, *albedo, *normal_image, *linear, *drawn, *depth, *dropped;
+};
+
+// The shading pass, of a buffer or of triangles, in the rung; 0, or what the launch said.
+int shade_on_cpu(const PictureOnCpu* p) {
+  using namespace bigtri;
+  handle_faults();
+  std::list<Memory> memory;
+  const auto given = [&](const void* from, int64_t bytes) -> const void* {
+    if (!from) return nullptr;
+    memory.emplace_back((size_t)bytes, 0);
+    if (bytes) memcpy(memory.back().of<char>(), from, (size_t)bytes);
+    return memory.back().of<char>();
+  };
+  struct Output {
+    void *to, *from;
+    int64_t bytes;
+  };
+  std::list<Output> outputs;
+  const auto output = [&](void* to, int64_t bytes) -> void* {
+    if (!to) return nullptr;
+    memory.emplace_back((size_t)bytes, 0x33);
+    outputs.push_back({to, memory.back().of<char>(), bytes});
+    return memory.back().of<char>();
+  };
+  const int64_t samples = p->views * p->height * p->width, pixels = samples / (p->samples * p->samples);
+  const auto floats = [&](const void* from, int64_t count) { return (const float*)given(from, 4 * count); };
+  Shading job = {};
+  Surface& s = job.surface;
+  std::vector<Texture> textures;
+  for (int64_t i = 0; i < p->textures; ++i) {
+    const int64_t* size = p->texture_size + 3 * i;
+    textures.push_back({given(p->texels[i], size[0] * size[1] * 3 * size[2]), (int32_t)size[0], (int32_t)size[1],
+                        size[2] == 1   ? Texels::kCodes8
+                        : size[2] == 2 ? Texels::kCodes16
+                                       : Texels::kLinear});
+  }
+  job.packed = (const int64_t*)given(p->packed, 8 * samples);
+  job.positions = floats(p->positions, p->views * p->vertices * 4);
+  job.triangles = (const int32_t*)given(p->indices, 12 * p->triangles);
+  s.uvs = floats(p->uvs, 2 * p->vertices);
+  s.colors = floats(p->colors, 3 * p->vertices);
+  s.normals = floats(p->normals, 3 * p->vertices);
+  s.face_normals = floats(p->face_normals, 3 * p->triangles);
+  s.material = (const int32_t*)given(p->material, 4 * p->triangles);
+  s.looks = (const Look*)given(p->looks, 8 * p->materials);
+  s.base_colors = floats(p->base_colors, 3 * p->materials);
+  s.textures = textures.data();
+  s.materials = (int32_t)p->materials;
+  s.texture_count = (int32_t)p->textures;
+  s.two_sided = p->two_sided != 0;
+  s.light_directions = floats(p->light_directions, 3 * p->lights);
+  s.light_colors = floats(p->light_colors, 3 * p->lights);
+  s.lights = p->lights;
+  memcpy(s.ambient, p->constants, 12);
+  memcpy(s.top, p->constants + 3, 12);
+  memcpy(s.bottom, p->constants + 6, 12);
+  job.thresholds = p->thresholds;
+  job.image = (uint8_t*)output(p->image, pixels * p->channels);
+  job.albedo = (float*)output(p->albedo, 12 * samples);
+  job.normals = (float*)output(p->normal_image, 12 * samples);
+  job.linear = (float*)output(p->linear, 12 * samples);
+  job.views = p->views;
+  job.vertices = p->vertices;
+  job.count = (int32_t)p->triangles;
+  job.height = (int)p->height;
+  job.width = (int)p->width;
+  job.samples = (int)p->samples;
+  job.channels = (int)p->channels;
+  kernel = 0;
+  const Memory scratch((size_t)BIGTRI_RUNG::shading_scratch(job), 0x7f);
+  int error = BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
+  if (!p->packed) {
+    Frame f = {};
+    f.positions = job.positions;
+    f.triangles = job.triangles;
+    f.vertices = job.vertices;
+    f.view_stride = job.vertices * 4;
+    f.count = job.count;
+    f.views = (int32_t)job.views;
+    f.view = {job.width, job.height, 0, 0, job.width, job.height, (int)p->cull};
+    f.packed = (int64_t*)output(p->drawn, 8 * samples);
+    f.depth = (float*)output(p->depth, 4 * samples);
+    f.dropped = (int64_t*)output(p->dropped, 8 * job.views);
+    const CudaVariant& variant = **BIGTRI_RUNG::kCudaVariants;
+    std::vector<int64_t> values;
+    for (const Parameter* parameter = variant.parameters; parameter->name; ++parameter)
+      values.push_back(parameter->standard);
+    const Memory work(variant.scratch_bytes(f, values.data()), 0x7f);
+    error |= variant.draw(f, values.data(), work.of<char>(), nullptr);
+    job.packed = f.packed;
+  }
+  error |= BIGTRI_RUNG::shade_cuda(job, scratch.of<char>(), nullptr);
+  for (const Output& o : outputs) memcpy(o.to, o.from, (size_t)o.bytes);
   return error;
 }
 }

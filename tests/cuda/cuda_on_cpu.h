@@ -130,6 +130,13 @@ T atomicOr(T* p, V v) {
   return before;
 }
 
+template <class T>
+T atomicCAS(T* p, T expected, T v) {
+  const T before = *p;
+  if (before == expected) *p = v;
+  return before;
+}
+
 template <class... Parameters, class... Arguments>
 cudaError_t run_configured(const cudaLaunchConfig_t* c, void (*kernel)(Parameters...), Arguments... arguments) {
   run_grid(c->gridDim, c->blockDim, c->dynamicSmemBytes, [&] { kernel(arguments...); });

@@ -138,14 +138,17 @@ def build(folder: Path, mutation: tuple[str, str, str] | None = None) -> ctypes.
 
 
 def build_rung(folder: Path, rung: str) -> ctypes.CDLL:
-    """Compile the kernels of another rung into ``folder``: what depends on the rung, as one source, which takes half the time."""
+    """Compile the kernels of another rung into ``folder``: what depends on the rung, as one source, which takes half the time.
+
+    ``shade`` is one of its own: it has names that the others have too.
+    """
     copy_sources(folder)
     unlisted = {*VARIANTS} - {*VARIANTS_OF[rung]}
-    files = [*(f"{name}.cu" for name in OF_A_RUNG if name not in unlisted), str(HERE / "cuda_on_cpu.cpp")]
+    files = [*(f"{name}.cu" for name in OF_A_RUNG if name not in {*unlisted, "shade"}), str(HERE / "cuda_on_cpu.cpp")]
     source = folder / "cuda/rung.cu"
     source.write_text("".join(f'#include "{file}"\n' for file in files))
     there = [unchanged("exact") / f"{name}.o" for name in SOURCES if name not in OF_A_RUNG]
-    return compile_and_link(folder, [source], there, rung)
+    return compile_and_link(folder, [source, folder / "cuda/shade.cu"], there, rung)
 
 
 @functools.cache

@@ -10,7 +10,19 @@ import pytest
 import bigtri
 from bigtri import native
 from bigtri.check import stages
-from bigtri.precision import ATTRIBUTES, CLIPS, COVERAGES, DEPTHS, EXACT, MASKS, PRECISIONS, RUNGS, Precision, arithmetic_of
+from bigtri.precision import (
+    ATTRIBUTES,
+    CLIPS,
+    COVERAGES,
+    DEPTHS,
+    EXACT,
+    MASKS,
+    PRECISIONS,
+    PRESETS,
+    RUNGS,
+    Precision,
+    arithmetic_of,
+)
 
 P = np.array([[-1, -1, 0, 1], [3, -1, 0.3, 1], [-1, 3, 0.9, 1]], np.float32)
 T = np.array([[0, 1, 2]], np.int32)
@@ -21,16 +33,23 @@ needs_extension = pytest.mark.skipif(not native.available(), reason="the extensi
 
 def test_a_rung_is_a_precision_with_a_name() -> None:
     assert Precision() == EXACT.precision and arithmetic_of(Precision()) is EXACT
-    assert len({rung.precision for rung in RUNGS.values()}) == len(RUNGS)
     for name, rung in RUNGS.items():
-        assert arithmetic_of(dataclasses.replace(rung.precision)) is rung and rung.name == name
+        assert rung.name == name and rung.precision == Precision(**dataclasses.asdict(rung.precision))
+        if name != "attributes_float32":
+            assert arithmetic_of(dataclasses.replace(rung.precision)) is rung
     assert arithmetic_of(MIX).name not in RUNGS and arithmetic_of(MIX).precision is MIX
+
+
+def test_of_two_names_a_precision_has_that_which_every_build_has() -> None:
+    assert RUNGS["attributes_float32"].precision == RUNGS["balanced"].precision
+    assert arithmetic_of(Precision(attributes="float32")).name == "balanced"
+    assert len({rung.precision for rung in RUNGS.values()}) == len(RUNGS) - 1
 
 
 def test_rungs_step_down_on_one_axis_at_a_time() -> None:
     for name, rung in RUNGS.items():
         pairs = zip(dataclasses.astuple(rung.precision), dataclasses.astuple(EXACT.precision), strict=True)
-        assert sum(a != b for a, b in pairs) == (name != "exact"), name
+        assert name in PRESETS or sum(a != b for a, b in pairs) == 1, name
 
 
 @pytest.mark.parametrize(
@@ -80,10 +99,11 @@ def test_the_extension_refuses_a_mix_without_a_name(backend: str) -> None:
 
 @needs_extension
 def test_a_rung_that_is_not_built_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    few = {name: native.REGISTRY["cpu"][name] for name in ("exact", "subpixel4")}
+    few = {name: native.REGISTRY["cpu"][name] for name in (*PRESETS, "subpixel4")}
     monkeypatch.setitem(native.REGISTRY, "cpu", few)
     text = (
-        "precision must be one of 'exact', 'subpixel4' on the CPU, got 'depth_reversed'; build the extension with BIGTRI_LADDER=1"
+        "precision must be one of 'exact', 'balanced', 'fast', 'subpixel4' on the CPU, got 'depth_reversed'; build the extension "
+        "with BIGTRI_LADDER=1"
     )
     with pytest.raises(ValueError, match=text):
         bigtri.rasterize(P, T, (8, 8), precision="depth_reversed")

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import fields
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -323,6 +324,37 @@ def test_int64_everywhere_changes_no_bit() -> None:
         np.testing.assert_array_equal(*images)
 
 
+def one_drawn(xy: np.ndarray, rung: Arithmetic) -> np.ndarray:
+    """bool [SIZE, SIZE]: what the triangle of the snapped vertices ``xy`` [3, 2], subpx, covers."""
+    return rasterize(*snapped_at(xy[None], np.full((1, 3), 0.5), EXACT), SIZE, SIZE, arithmetic=rung)[0] != BACKGROUND
+
+
+def test_int32_is_right_up_to_the_size_where_it_wraps() -> None:
+    """Where (width + 63 px) * (height + 63 px) of the bounding box is below 2^15 px^2, as docs/numerics.md 14.1 has it."""
+    rng = np.random.default_rng(40)
+    right = 0
+    for _ in range(150):
+        width = int(2 ** rng.uniform(0, 8.6))
+        height = min(2**15 // (width + 63) - 63, 400)
+        corner = rng.integers(-256 * min(width, height), 256 * SIZE, 2)
+        ends = np.array([[0, 0], [256 * width, 256 * height]])
+        xy = corner + rng.integers(*ends[:, None, :], (3, 2), endpoint=True)
+        xy[:2] = corner + rng.permutation(ends) if rng.random() < 0.5 else corner + ends * [[1, 0]] + ends[::-1] * [[0, 1]]
+        drawn = one_drawn(xy, RUNGS["coverage_int32"])
+        np.testing.assert_array_equal(drawn, one_drawn(xy, EXACT))
+        right += drawn.any()
+    assert right > 100
+
+
+def test_int32_breaks_beyond_that_size() -> None:
+    """An edge from the lower left to the upper right: seen from a cell's first centre, its value is the largest there is."""
+    cell = 64 * 256 + 128 + 63 * 256
+    for size, breaks in ((118, False), (128, False), (129, True), (131, True)):
+        side = 256 * size
+        xy = cell - 64 * 256 + np.array([[side, 0], [side, side], [0, side]])
+        assert (one_drawn(xy, RUNGS["coverage_int32"]) != one_drawn(xy, EXACT)).any() == breaks, size
+
+
 @pytest.mark.parametrize(("name", "grid"), [("subpixel12", 4096), ("subpixel16", 65536)])
 def test_finer_grids_place_edges_where_they_are(name: str, grid: int) -> None:
     """A left edge 1/grid px to the right of the pixel centres misses them; `exact` snaps it onto them."""
@@ -463,3 +495,59 @@ def test_attribute_rules_differ_and_only_affine_leaves_perspective_out() -> None
     )
     off = [np.abs(one - exact).max() for one in (float32, reciprocal, affine)]
     assert 0 < off[0] < off[1] < 1e-5 and off[2] > 0.1
+
+
+def true_weights(corners: np.ndarray, x: int, y: int) -> list[Fraction]:
+    """Of clip-space corners [3, 4] as they are given, at a pixel's centre: u_k, over their sum."""
+    nx, ny = Fraction(2 * x + 1 - WIDTH, WIDTH), Fraction(HEIGHT - 2 * y - 1, HEIGHT)
+    exact = [[Fraction(float(c)) for c in corner] for corner in corners]
+    a, b = [c[0] - nx * c[3] for c in exact], [c[1] - ny * c[3] for c in exact]
+    u = [a[k] * b[m] - a[m] * b[k] for k, m in ((1, 2), (2, 0), (0, 1))]
+    return [one / sum(u) for one in u]
+
+
+def test_unsnapped_weights_are_those_of_the_triangle_as_it_was_given() -> None:
+    """Where its own border has the pixel inside; to a rounding of float32, where snapping is a hundred times as far off."""
+    rung = RUNGS["attributes_unsnapped"]
+    rng = np.random.default_rng(45)
+    corners = random_corners("large", 30) * rng.uniform(0.3, 3, (30, 3, 1))
+    corners[15:, :, :2] *= 0.02  # of a few pixels, which snapping moves by much of their size
+    positions, triangles = soup(corners)
+    packed, _ = rasterize(positions, triangles, HEIGHT, WIDTH)
+    unsnapped, snapped = (barycentrics(packed, positions, triangles, one) for one in (rung, EXACT))
+    off = []
+    for y, x in np.argwhere(packed != BACKGROUND)[::37].tolist():
+        true = true_weights(positions[triangles[packed[y, x] & 0xFFFFFFFF]], x, y)
+        if min(true) >= 0:
+            off.append(
+                [
+                    max(abs(float(t) - b) for t, b in zip(true, image[y, x].tolist(), strict=True))
+                    for image in (unsnapped, snapped)
+                ]
+            )
+    (mine, others) = np.max(off, axis=0)
+    assert len(off) > 60 and mine < 2.0**-23 < 2.0**-12 < others
+
+
+def test_unsnapped_weights_of_a_pixel_beyond_the_border_are_weights() -> None:
+    """A triangle that only snapping gives an area covers pixels that it does not have: in [0, 1], and of sum 1."""
+    rng = np.random.default_rng(46)
+    begin, end = rng.uniform(-0.9, 0.9, (2, 2000, 1, 2))
+    share = np.stack([np.zeros(2000), np.ones(2000), rng.uniform(0.2, 0.8, 2000)], axis=1)[:, :, None]
+    xy = begin + (end - begin) * share + rng.normal(0, 1e-5, (2000, 3, 2))
+    positions, triangles = soup(np.concatenate([xy, np.zeros((2000, 3, 1)), np.ones((2000, 3, 1))], axis=-1))
+    packed, _ = rasterize(positions, triangles, HEIGHT, WIDTH)
+    covered = packed != BACKGROUND
+    weights = barycentrics(packed, positions, triangles, RUNGS["attributes_unsnapped"])[covered].astype(np.float64)
+    assert covered.sum() > 10 and ((weights >= 0) & (weights <= 1)).all()
+    assert np.abs(weights.sum(axis=1) - 1).max() < 2.0**-23
+    assert (weights == 0).any(), "some lie beyond a side"
+
+
+def test_unsnapped_weights_of_a_triangle_in_one_place_are_none() -> None:
+    """All three vertices at the pixel's centre, of a visibility buffer that another drawing made."""
+    centre = [1 / WIDTH, -1 / HEIGHT, 0, 1]
+    seen, triangles = soup(np.array([[[-1, 1, 0, 1], [3, 1, 0, 1], [-1, -3, 0, 1]]]))
+    rung = RUNGS["attributes_unsnapped"]
+    packed, _ = rasterize(seen, triangles, HEIGHT, WIDTH)
+    assert (barycentrics(packed, *soup(np.array([[centre] * 3])), rung) == 0).all()

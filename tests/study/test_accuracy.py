@@ -127,6 +127,7 @@ def test_known_facts_of_depth_and_attributes() -> None:
     assert judged("far_planes", "exact")["flips_ppm"] == 1e6 and judged("far_planes", "depth_reversed")["wrong_ppm"] == 0
     assert judged("far_planes", "depth_reversed")["depth_ulp_max"] <= 0.51
     assert judged("floor", "exact")["texels_max"] < 1 and judged("floor", "attributes_affine")["texels_max"] > 100
+    assert judged("floor", "attributes_unsnapped")["texels_max"] < judged("floor", "exact")["texels_max"] / 100
 
 
 # --- what is broken on purpose shows
@@ -208,7 +209,8 @@ def test_all_rungs_take_one_way_through_a_variant(monkeypatch: pytest.MonkeyPatc
 
 def test_axes_of_rungs() -> None:
     assert accuracy.axis_of("exact") == "none" and accuracy.axis_of("depth_reversed") == "depth"
-    assert accuracy.timed_of("clip_none") == "rasterize"
+    assert accuracy.timed_of("clip_none") == "rasterize" and accuracy.timed_of("balanced") == "barycentrics"
+    assert accuracy.axis_of("fast") == "depth+attributes" and accuracy.timed_of("fast") == "rasterize+barycentrics"
 
 
 def test_front_of_those_that_none_beats() -> None:

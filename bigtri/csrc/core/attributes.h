@@ -22,6 +22,7 @@ template <class D>
 BIGTRI_HD const D& divisor_like(const D& v, double) {
   return v;
 }
+BIGTRI_HD Divisor divisor_like(double v, const Divisor&) { return divisor(v); }
 
 // Barycentrics b of a record that is not clipped, from the edge values e, not yet rounded to float32. They are the
 // weights of its vertices. D is double or a vector of doubles; By, a double or what `quotient` divides D by alike.
@@ -60,8 +61,13 @@ BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const 
   for (int m = 0; m < 3; ++m) b[m] = b[m] / sum;
 }
 
-// u / sum, or 0 where the triangle is seen from the side.
-BIGTRI_HD double share_of(double u, double sum) { return sum == 0 ? 0.0 : u / sum; }
+// u, negated if the triangle is turned the other way, and 0 where the pixel lies beyond its side.
+BIGTRI_HD double inner_part(double u, double turn) {
+  const double towards = turn < 0 ? -u : u;
+  return towards > 0 ? towards : 0.0;
+}
+// v / sum, or 0 where there is none: all vertices are seen on one line with the pixel's centre.
+BIGTRI_HD double share_of(double v, double sum) { return sum == 0 ? 0.0 : v / sum; }
 
 // The same as barycentrics, of the parent's vertices as they were given. right, up: the pixel's centre in normalized
 // device coordinates. Seen from there, a point (x, y, w) of the triangle is the pixel's where both a and c are 0.
@@ -75,10 +81,12 @@ BIGTRI_HD void unsnapped_barycentrics(const ParentOf<kRecords>& parent, int reco
     c[k] = (double)v[1] - up * (double)v[3];
   }
   const D u0 = a[1] * c[2] - a[2] * c[1], u1 = a[2] * c[0] - a[0] * c[2], u2 = a[0] * c[1] - a[1] * c[0];
-  const D sum = (u0 + u1) + u2;
-  b[0] = share_of(u0, sum);
-  b[1] = share_of(u1, sum);
-  b[2] = share_of(u2, sum);
+  const D turn = (u0 + u1) + u2;
+  const D v0 = inner_part(u0, turn), v1 = inner_part(u1, turn), v2 = inner_part(u2, turn);
+  const D sum = (v0 + v1) + v2;
+  b[0] = share_of(v0, sum);
+  b[1] = share_of(v1, sum);
+  b[2] = share_of(v2, sum);
 }
 
 // Normalized device coordinates of the centre of column x, or of row y counted from below, of so many. place: x, or
@@ -104,18 +112,26 @@ BIGTRI_HD F float_over(const F& v, const B& by) {
     return v / by;
 }
 
-// The same as barycentrics, in float32: what is read is rounded to that first, as e is. F is float, or a vector of it.
+// The same as whole_barycentrics, in float32: what is read is rounded to that first, as e is. F is float, or a vector of
+// it.
+template <class F>
+BIGTRI_HD void whole_float_barycentrics(float area, const double w[3], bool affine, const F e[3], F b[3]) {
+  for (int k = 0; k < 3; ++k) b[k] = float_over(e[k], area);
+  if (affine) return;
+  for (int k = 0; k < 3; ++k) b[k] = float_over(b[k], (float)w[k]);
+  const F sum = (b[0] + b[1]) + b[2];
+  for (int k = 0; k < 3; ++k) b[k] = float_over(b[k], sum);
+}
+
+// The same as barycentrics, in float32.
 template <int kRecords, class F>
 BIGTRI_HD void float_barycentrics(const ParentOf<kRecords>& parent, int record, const F e[3], F b[3]) {
   const float area = (float)parent.primitive[record].area;
-  for (int k = 0; k < 3; ++k) b[k] = float_over(e[k], area);
-  if (parent.affine) return;
-  for (int k = 0; k < 3; ++k) b[k] = float_over(b[k], (float)parent.w[record][k]);
-  if (parent.clipped) {
-    const double (*t)[3] = parent.weights[record];
-    const F u0 = b[0], u1 = b[1], u2 = b[2];
-    for (int m = 0; m < 3; ++m) b[m] = (u0 * (float)t[0][m] + u1 * (float)t[1][m]) + u2 * (float)t[2][m];
-  }
+  if (!parent.clipped) return whole_float_barycentrics(area, parent.w[record], parent.affine, e, b);
+  for (int k = 0; k < 3; ++k) b[k] = float_over(float_over(e[k], area), (float)parent.w[record][k]);
+  const double (*t)[3] = parent.weights[record];
+  const F u0 = b[0], u1 = b[1], u2 = b[2];
+  for (int m = 0; m < 3; ++m) b[m] = (u0 * (float)t[0][m] + u1 * (float)t[1][m]) + u2 * (float)t[2][m];
   const F sum = (b[0] + b[1]) + b[2];
   for (int m = 0; m < 3; ++m) b[m] = float_over(b[m], sum);
 }

@@ -63,6 +63,7 @@ struct ShadeJob {
   const uint8_t* background;  // [H / samples, 4], sRGB and alpha: of each row of the picture (background_rows)
   uint8_t* image;  // out: [views, H / samples, W / samples, channels], sRGB
   int channels;  // 3; or 4, with alpha, and then the background is transparent black
+  bool streams;  // whether background is stored around the caches
   // out, or null: [views, H, W, 3]; 0 on the background, but `linear`, which has the background's colour.
   float *albedo, *normals, *linear;
 };

@@ -15,7 +15,14 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Null where the rung does without the variant, or is drawn by another one's code; then none of the kernels is compiled.
+// A kernel is compiled only if a table names it. Null is what a rung does without, and what another one's code does for it.
+// A build that counts draws, and nothing else.
+#if defined(BIGTRI_COUNTING)
+constexpr bool kCounts = true;
+#else
+constexpr bool kCounts = false;
+#endif
+
 constexpr BinOwnedKernels bin_owned_kernels() {
   if constexpr (Rung::kBinOwned)
     return {.project = project, .setup = setup, .bin = bin_records, .raster_bins = raster_bins};
@@ -29,7 +36,7 @@ constexpr TwoStageKernels two_stage_kernels() {
     return {};
 }
 constexpr StageKernels stage_kernels() {
-  if constexpr (Rung::kDraws)
+  if constexpr (Rung::kDraws && !kCounts)
     return {.tile_mask = stage_tile_mask,
             .scan_tiles = stage_scan_tiles,
             .scan_rows = stage_scan_rows,
@@ -37,23 +44,34 @@ constexpr StageKernels stage_kernels() {
   else
     return {};
 }
+// No rung differs in what is done with images: shading.cpp takes these kernels from the default rung.
+constexpr AttributeKernels attribute_kernels() {
+  AttributeKernels kernels = {};
+  if constexpr (!kCounts) kernels.interpolate_row = stage_interpolate_row;
+  if constexpr (!kCounts && std::is_same_v<Rung, rungs::exact>) {
+    kernels.sample = stage_sample<const float*>;
+    kernels.sample_codes8 = stage_sample<CodedTexels<uint8_t>>;
+    kernels.sample_codes16 = stage_sample<CodedTexels<uint16_t>>;
+    kernels.lambert = stage_lambert;
+    kernels.encode_srgb = stage_encode_srgb;
+  }
+  return kernels;
+}
+constexpr ShadeKernels picture_kernels() {
+  if constexpr (kCounts)
+    return {};
+  else
+    return {.begin = shade_begin, .block = shade_block, .background = shade_background};
+}
 
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE
 
-#define BIGTRI_KERNEL_TABLE(NAME)                                                                                \
-  inline namespace BIGTRI_NAMESPACE {                                                                            \
-  extern const Kernels kernels_##NAME;                                                                           \
-  const Kernels kernels_##NAME = {bin_owned_kernels(),                                                           \
-                                  stage_kernels(),                                                               \
-                                  {.interpolate_row = stage_interpolate_row,                                     \
-                                   .sample = stage_sample<const float*>,                                         \
-                                   .sample_codes8 = stage_sample<CodedTexels<uint8_t>>,                          \
-                                   .sample_codes16 = stage_sample<CodedTexels<uint16_t>>,                        \
-                                   .lambert = stage_lambert,                                                     \
-                                   .encode_srgb = stage_encode_srgb},                                            \
-                                  two_stage_kernels(),                                                           \
-                                  {.begin = shade_begin, .block = shade_block, .background = shade_background}}; \
+#define BIGTRI_KERNEL_TABLE(NAME)                                                                                 \
+  inline namespace BIGTRI_NAMESPACE {                                                                             \
+  extern const Kernels kernels_##NAME;                                                                            \
+  const Kernels kernels_##NAME = {bin_owned_kernels(), stage_kernels(), attribute_kernels(), two_stage_kernels(), \
+                                  picture_kernels()};                                                             \
   }
 
 }  // namespace bigtri

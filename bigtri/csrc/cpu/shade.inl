@@ -367,14 +367,19 @@ BIGTRI_INLINE void fill(float* to, int n, const float color[3]) {
   for (int i = 0; to && i < 3 * n; ++i) to[i] = color[i % 3];
 }
 
-// n pixels of one colour.
-void fill_pixels(uint8_t* to, int n, int channels, const uint8_t color[4]) {
-  // 24 bytes are whole pixels of three channels and of four.
-  uint8_t piece[24];
-  for (int i = 0; i < 24; ++i) piece[i] = color[i % channels];
-  const int bytes = n * channels;
+// n pixels of one colour. Around the caches where the pictures do not fit them.
+void fill_pixels(const ShadeJob& job, uint8_t* to, int n, const uint8_t color[4]) {
+  // 24 bytes are whole pixels of three channels and of four, and 192 are whole cache lines besides.
+  constexpr int kPiece = 192;
+  uint8_t piece[kPiece];
+  for (int i = 0; i < 24; ++i) piece[i] = color[i % job.channels];
+  for (int i = 24; i < kPiece; i *= 2) __builtin_memcpy(piece + i, piece, (size_t)i);
+  const int bytes = n * job.channels;
   int i = 0;
-  for (; i + 24 <= bytes; i += 24) __builtin_memcpy(to + i, piece, 24);
+  if (job.streams && ((uintptr_t)to & 63) == 0)
+    for (; i + kPiece <= bytes; i += kPiece)
+      for (int k = 0; k < kPiece; k += 64) stream((int64_t*)(to + i + k), load<i64x8>((const int64_t*)(piece + k)));
+  for (; i + kPiece <= bytes; i += kPiece) __builtin_memcpy(to + i, piece, kPiece);
   __builtin_memcpy(to + i, piece, (size_t)(bytes - i));
 }
 
@@ -400,7 +405,7 @@ void shade_background(const ShadeJob& job, int64_t view, int x, int y, int width
   const int n = job.samples;
   if (job.albedo || job.normals || job.linear) fill_samples(job, view, x, y, width, height);
   for (int row = y / n; row < (y + height) / n; ++row)
-    fill_pixels(pixel_at(job, view, x / n, row), width / n, job.channels, job.background + 4 * row);
+    fill_pixels(job, pixel_at(job, view, x / n, row), width / n, job.background + 4 * row);
 }
 
 // A sample a pixel: the background of the whole block first, then fragments over it.

@@ -210,9 +210,13 @@ BIGTRI_INLINE Lanes<float, N> square_root(const Lanes<float, N>& v) {
   return r;
 }
 
-// share_of (core/attributes.h) of each.
-BIGTRI_INLINE f64x8 share_of(const f64x8& u, const f64x8& sum) {
-  return select<double, 8>(sum == 0.0, splat<f64x8>(0.0), u / sum);
+// inner_part and share_of (core/attributes.h) of each.
+BIGTRI_INLINE f64x8 inner_part(const f64x8& u, const f64x8& turn) {
+  const f64x8 none = splat<f64x8>(0.0), towards = select<double, 8>(turn < 0.0, none - u, u);
+  return select<double, 8>(towards > 0.0, towards, none);
+}
+BIGTRI_INLINE f64x8 share_of(const f64x8& v, const f64x8& sum) {
+  return select<double, 8>(sum == 0.0, splat<f64x8>(0.0), v / sum);
 }
 
 // min_of and max_of (core/platform.h) of each.

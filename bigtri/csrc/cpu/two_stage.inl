@@ -1,6 +1,6 @@
 // Draws a record within a bin, for the variant two_stage: draw_bin, called by two_stage.cpp. Compiled once per
 // instruction set, whose vectors the compiler finds by itself: every loop over pixels is the scalar code of core/,
-// so that a rung needs no code here.
+// so that a rung needs no code here. The one exception is a fused product.
 #pragma once
 
 #include "../core/coverage.h"

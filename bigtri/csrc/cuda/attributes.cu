@@ -52,11 +52,24 @@ struct Weights {
 
 __device__ __forceinline__ Weights background() { return {{0.0f, 0.0f, 0.0f}, {-1, -1, -1}}; }
 
-__device__ __forceinline__ void weigh(const ParentOf<1>& parent, const Pixel& at, Weights* out) {
+// Sets the parent's vertices as they were given, where the rung's attributes need them.
+__device__ __forceinline__ void load_given(const Frame& f, int32_t triangle, ParentOf<1>* parent) {
+  if constexpr (kUnsnappedWeights) {
+    float v[3][4];
+    for (int k = 0; k < 3; ++k) load_vertex(f, __ldg(f.triangles + 3 * (int64_t)triangle + k), v[k]);
+    set_corners(v, parent);
+  }
+}
+
+__device__ __forceinline__ void weigh(const Viewport& view, const ParentOf<1>& parent, const Pixel& at, Weights* out) {
   using Number = std::conditional_t<kFloatWeights, float, double>;
   Number e[3], b[3];
-  for (int k = 0; k < 3; ++k) e[k] = (Number)edge_at(parent.primitive[0], k, at.x, at.y);
-  if constexpr (kFloatWeights)
+  if constexpr (!kUnsnappedWeights)
+    for (int k = 0; k < 3; ++k) e[k] = (Number)edge_at(parent.primitive[0], k, at.x, at.y);
+  if constexpr (kUnsnappedWeights)
+    unsnapped_barycentrics(parent, 0, device_coordinate((Number)at.x, view.width),
+                           device_coordinate((Number)(view.height - 1 - at.y), view.height), b);
+  else if constexpr (kFloatWeights)
     float_barycentrics(parent, 0, e, b);
   else
     barycentrics(parent, 0, e, b);
@@ -145,7 +158,8 @@ __global__ void __launch_bounds__(kWholeWarps* kWarp, 4) interpolate_whole(const
         w[k] = __ldg(f.positions + 4 * (int64_t)__ldg(f.triangles + 3 * (int64_t)at.triangle + p.order[k]) + 3);
       parent.clipped = false;
       parent.affine = w[0] == w[1] && w[1] == w[2];
-      weigh(parent, at, &weights);
+      load_given(f, at.triangle, &parent);
+      weigh(f.view, parent, at, &weights);
     }
     const unsigned clipped = __ballot_sync(kAllLanes, fate == Fate::kClip);
     if (lane_id() == 0) job.clipped[i] = clipped;
@@ -180,18 +194,19 @@ __device__ __forceinline__ void clip(const Frame& f, int32_t triangle, Clipped* 
 }
 
 // By the first record of the clipped triangle that covers the pixel.
-__device__ __forceinline__ void weigh_clipped(const Clipped& c, const Viewport& view, const Pixel& at, Weights* out) {
+__device__ __forceinline__ void weigh_clipped(const Frame& f, const Clipped& c, const Pixel& at, Weights* out) {
   ParentOf<1> parent;
   parent.clipped = true;
   parent.affine = false;
   parent.first = c.first;
   const Primitive& p = parent.primitive[0];
   for (int s = 0; s + 2 < c.count; ++s) {
-    if (!fan_primitive(c.scratch.projected, c.apex, c.count, s, view, &parent.primitive[0])) continue;
-    set_fan_places(c.scratch.polygon, c.apex, c.count, s, view, p.order, &parent.primitive[0]);
+    if (!fan_primitive(c.scratch.projected, c.apex, c.count, s, f.view, &parent.primitive[0])) continue;
+    set_fan_places(c.scratch.polygon, c.apex, c.count, s, f.view, p.order, &parent.primitive[0]);
     if (!covers(p, at.x, at.y)) continue;
     set_fan_weights(c.scratch.polygon, c.apex, c.count, s, 0, &parent);
-    weigh(parent, at, out);
+    load_given(f, at.triangle, &parent);
+    weigh(f.view, parent, at, out);
     return;
   }
 }
@@ -215,7 +230,7 @@ __global__ void __launch_bounds__(kClippedWarps* kWarp) interpolate_clipped(cons
         if (next != held) clip(f, next, &c);
         held = next;
         const bool mine = (clipped >> lane_id() & 1) && at.triangle == next;
-        if (mine) weigh_clipped(c, f.view, at, &w);
+        if (mine) weigh_clipped(f, c, at, &w);
         waiting &= ~__ballot_sync(kAllLanes, mine);
       }
       write_group(job, view, group, clipped, at.triangle, w);

@@ -64,7 +64,7 @@ struct Meeting {
   uint32_t info;  // Entry::info
   uint32_t constant;
   int32_t f[3];  // of its edges in the bin, with steps of 0 where bit k of `constant` says so: NarrowEdge
-  double zcell;
+  DepthNumber zcell;
 
   __device__ __forceinline__ bool meets() const { return nearest == nearest; }
   __device__ __forceinline__ uint32_t slot() const { return info >> 5; }

@@ -22,8 +22,8 @@ namespace {
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 // Rows rest on what bin_owned rests on: edges in int32 over a bounding box, and planes in float64.
-constexpr bool kHasRows = Rung::kBinOwned;
-static_assert(!kHasRows || (!kFloatCoverage && !Rung::kWideEdges && kDepthRule == DepthRule::kFloat64Cell),
+constexpr bool kHasRows = Rung::kBinOwned && kDepthRule == DepthRule::kFloat64Cell;
+static_assert(!kHasRows || (!kFloatCoverage && !Rung::kWideEdges && !Rung::kWraps),
               "what is drawn by rows has the rung's bits");
 
 enum Counter { kRecordCount, kPairCount, kNextPair, kCounters };
@@ -121,13 +121,15 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
+// kRows: whether the rung has the kernels that draw by rows.
+template <bool kRows>
 cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   Queue q = take_queue(&scratch, f, v);
   Sharing sharing;
   int64_t set_up_blocks;
   Way way = Way::kQueued;
-  if constexpr (kHasRows)
+  if constexpr (kRows)
     if (v.rows) {
       BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kEven>, f, q.projected, v.share, nullptr, &sharing,
                                   &set_up_blocks, stream));
@@ -145,7 +147,7 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
                          widest);
     };
     if (way == Way::kQueued) BIGTRI_CUDA(set_up(WayOf<Way::kQueued>()));
-    if constexpr (kHasRows)
+    if constexpr (kRows)
       if (way != Way::kQueued) BIGTRI_CUDA(with_way(way, set_up));
     BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, v.blocks, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
@@ -161,7 +163,7 @@ int64_t scratch_bytes(const Frame& f, const int64_t* values) {
 
 cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
   const Values v = Values::of(values);
-  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, memory, stream); });
+  return each_view(frame, [&](const Frame& f) { return draw_view<kHasRows>(f, v, memory, stream); });
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #define BIGTRI_CUDA_VARIANTS_subpixel12(X) X(two_stage)
 #define BIGTRI_CUDA_VARIANTS_subpixel16(X) X(two_stage)
 #define BIGTRI_CUDA_VARIANTS_coverage_int64(X) X(two_stage)
+#define BIGTRI_CUDA_VARIANTS_coverage_int32(X) X(two_stage)
 #define BIGTRI_CUDA_VARIANTS_coverage_float32(X) X(two_stage)
 #define BIGTRI_CUDA_VARIANTS_coverage_float32_fused(X) X(two_stage)
 #define BIGTRI_CUDA_VARIANTS_coverage_float32_canonical(X) X(two_stage)
@@ -29,3 +30,4 @@
 #define BIGTRI_CUDA_VARIANTS_attributes_float32(X) X(two_stage)
 #define BIGTRI_CUDA_VARIANTS_attributes_reciprocal(X) X(two_stage)
 #define BIGTRI_CUDA_VARIANTS_attributes_affine(X) X(two_stage)
+#define BIGTRI_CUDA_VARIANTS_attributes_unsnapped(X) X(two_stage)

@@ -9,6 +9,9 @@
 namespace bigtri {
 namespace {
 
+// Bytes of pictures that stay in a last-level cache from one call to the next.
+constexpr int64_t kPicturesInCache = 1 << 24;
+
 // A job and what it points to.
 struct CheckedShading {
   std::vector<Texture> textures;
@@ -42,6 +45,7 @@ void check_shading(const char* op, const CpuRung& rung, const Tensor& positions,
   job.decoded16 = decoded<uint16_t>();
   job.image = data<uint8_t>(picture.image);
   job.channels = (int)picture.image.size(3);
+  job.streams = picture.image.numel() > kPicturesInCache;
   job.albedo = picture.albedo ? data<float>(*picture.albedo) : nullptr;
   job.normals = picture.normals ? data<float>(*picture.normals) : nullptr;
   job.linear = picture.linear ? data<float>(*picture.linear) : nullptr;
@@ -90,13 +94,9 @@ void draw_op(const Tensor& positions, const Tensor& triangles, int64_t height, i
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
   const Variant& variant = **rung.variants;
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
-  check(op, "positions", positions, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
+  const DrawnTensors drawn = {positions, triangles, packed, depth, dropped};
+  check_drawn(op, kCpu, drawn, height, width);
   const int64_t views = positions.size(0), pixels = height * width;
-  check_count(op, "positions", views);
-  check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
-  if (packed) check(op, "packed", *packed, ScalarType::Long, {views, height, width}, "int64 [B, height, width]");
-  if (depth) check(op, "depth", *depth, ScalarType::Float, {views, height, width}, "float32 [B, height, width]");
-  check(op, "dropped", dropped, ScalarType::Long, {views}, "int64 [B]");
   const Parallel parallel = torch_threads();
   CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(1));
   CheckedShading shading;
@@ -104,19 +104,7 @@ void draw_op(const Tensor& positions, const Tensor& triangles, int64_t height, i
                 {uvs, colors, normals, face_normals, material, looks, base_colors, textures, light_directions,
                  light_colors, constants, two_sided},
                 thresholds, {image, albedo, normal_image, linear}, &shading);
-  std::vector<std::pair<const char*, const Tensor*>> outputs = {{"image", &image}, {"dropped", &dropped}};
-  for (const auto& [name, t] : {std::pair<const char*, const std::optional<Tensor>&>{"albedo", albedo},
-                                {"normal_image", normal_image},
-                                {"linear", linear},
-                                {"packed", packed},
-                                {"depth", depth}})
-    if (t) outputs.push_back({name, &*t});
-  for (size_t i = 0; i < outputs.size(); ++i) {
-    for (const Tensor* input : {&positions, &triangles})
-      check_apart(op, outputs[i].first, *outputs[i].second, "an input", *input);
-    for (size_t k = 0; k < i; ++k)
-      check_apart(op, outputs[i].first, *outputs[i].second, outputs[k].first, *outputs[k].second);
-  }
+  check_drawn_apart(op, drawn, {image, albedo, normal_image, linear});
   // A variant that does not shade, or pixels of samples that do not divide a bin: by way of the visibility buffer.
   const bool fused = variant.shades && kBin % shading.job.samples == 0;
   std::unique_ptr<int64_t[]> buffer;

@@ -138,4 +138,42 @@ inline void check_picture_apart(const char* op, const PictureTensors& p, const S
   }
 }
 
+// What a picture is drawn from, and what drawing leaves beside it.
+struct DrawnTensors {
+  const Tensor &positions, &triangles;
+  const std::optional<Tensor>&packed, &depth;
+  const Tensor& dropped;
+};
+
+// height and width: of the visibility buffer.
+inline void check_drawn(const char* op, int device, const DrawnTensors& d, int64_t height, int64_t width) {
+  check_on(op, "positions", d.positions, device, ScalarType::Float, {-1, -1, 4}, "float32 [B, V, 4]");
+  const int64_t views = d.positions.size(0);
+  check_count(op, "positions", views);
+  check_on(op, "triangles", d.triangles, device, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
+  check_count(op, "triangles", d.triangles.size(0));
+  if (d.packed)
+    check_on(op, "packed", *d.packed, device, ScalarType::Long, {views, height, width}, "int64 [B, height, width]");
+  if (d.depth)
+    check_on(op, "depth", *d.depth, device, ScalarType::Float, {views, height, width}, "float32 [B, height, width]");
+  check_on(op, "dropped", d.dropped, device, ScalarType::Long, {views}, "int64 [B]");
+}
+
+// No output of drawing and shading may overlap an input of drawing or another output.
+inline void check_drawn_apart(const char* op, const DrawnTensors& d, const PictureTensors& p) {
+  std::vector<std::pair<const char*, const Tensor*>> outputs = {{"image", &p.image}, {"dropped", &d.dropped}};
+  for (const auto& [name, t] : {std::pair<const char*, const std::optional<Tensor>&>{"albedo", p.albedo},
+                                {"normal_image", p.normals},
+                                {"linear", p.linear},
+                                {"packed", d.packed},
+                                {"depth", d.depth}})
+    if (t) outputs.push_back({name, &*t});
+  for (size_t i = 0; i < outputs.size(); ++i) {
+    for (const Tensor* input : {&d.positions, &d.triangles})
+      check_apart(op, outputs[i].first, *outputs[i].second, "an input", *input);
+    for (size_t k = 0; k < i; ++k)
+      check_apart(op, outputs[i].first, *outputs[i].second, outputs[k].first, *outputs[k].second);
+  }
+}
+
 }  // namespace bigtri

@@ -1,0 +1,26 @@
+// The shading pass on the GPU: from a visibility buffer to a picture; torch-free. What a rung has for it is in rungs.h.
+#pragma once
+
+#include "../core/surface.h"
+
+namespace bigtri {
+
+// Pointers are to device memory, but for the surface's `textures` and for `thresholds`, which go to the device with the
+// launches, so that a CUDA graph keeps them.
+struct Shading {
+  const int64_t* packed;  // [B, H, W], any values
+  const float* positions;  // [B, V, 4], clip space
+  const int32_t* triangles;  // [T, 3]; one with an index that is no vertex, or of no material, reads as background
+  Surface surface;  // a texture that is none of those that there are reads as none
+  const float* thresholds;  // [255], of sRGB
+  uint8_t* image;  // out: [B, H / samples, W / samples, channels], sRGB
+  float *albedo, *normals, *linear;  // out, or null: [B, H, W, 3], as ShadeJob has them
+  int64_t views;  // B
+  int64_t vertices;  // V
+  int32_t count;  // T
+  int height, width;  // of the visibility buffer, px; multiples of samples
+  int samples;  // of a pixel of the picture along each axis
+  int channels;  // of the picture: 3, or 4 with alpha
+};
+
+}  // namespace bigtri

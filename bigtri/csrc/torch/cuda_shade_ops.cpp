@@ -1,0 +1,130 @@
+// The operators that make pictures on CUDA: `shade`, of a visibility buffer, and `draw`, of triangles. None waits for the
+// device.
+
+#include "cuda.h"
+#include "rasterize_checks.h"
+#include "surface_checks.h"
+
+namespace bigtri {
+namespace {
+
+// A job and what it points to in host memory.
+struct CheckedShading {
+  std::vector<Texture> textures;
+  Shading job = {};
+};
+
+// Checks the surface and the picture against positions [B, V, 4] and triangles, and fills the job but for packed. height
+// and width: those of the visibility buffer.
+void check_shading(const char* op, int device, const Tensor& positions, const Tensor& triangles, int64_t height,
+                   int64_t width, const SurfaceTensors& surface, const Tensor& thresholds,
+                   const PictureTensors& picture, CheckedShading* out) {
+  Shading& job = out->job;
+  job.views = positions.size(0);
+  job.surface = checked_surface(op, device, surface, positions.size(1), triangles.size(0), &out->textures);
+  check(op, "thresholds", thresholds, ScalarType::Float, {255}, "float32 [255]");
+  job.samples = (int)checked_picture(op, device, picture, job.views, height, width);
+  check_picture_apart(op, picture, surface, {{"positions", &positions}, {"triangles", &triangles}});
+  job.positions = const_data<float>(positions);
+  job.vertices = positions.size(1);
+  job.triangles = const_data<int32_t>(triangles);
+  job.count = (int32_t)triangles.size(0);
+  job.height = (int)height;
+  job.width = (int)width;
+  job.thresholds = const_data<float>(thresholds);
+  job.image = data<uint8_t>(picture.image);
+  job.channels = (int)picture.image.size(3);
+  job.albedo = picture.albedo ? data<float>(*picture.albedo) : nullptr;
+  job.normals = picture.normals ? data<float>(*picture.normals) : nullptr;
+  job.linear = picture.linear ? data<float>(*picture.linear) : nullptr;
+}
+
+// Bytes of memory that is given back to torch when the launches are in the stream: torch reuses it in stream order.
+Tensor scratch_of(int64_t bytes, int device) { return empty({max_of<int64_t>(bytes, 1)}, ScalarType::Byte, device); }
+
+void shade_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles,
+                   const std::optional<Tensor>& uvs, const std::optional<Tensor>& colors,
+                   const std::optional<Tensor>& normals, const std::optional<Tensor>& face_normals,
+                   const Tensor& material, const Tensor& looks, const Tensor& base_colors,
+                   const std::vector<Tensor>& textures, const Tensor& light_directions, const Tensor& light_colors,
+                   const Tensor& constants, bool two_sided, const Tensor& thresholds, const std::string& precision,
+                   const Tensor& image, const std::optional<Tensor>& albedo, const std::optional<Tensor>& normal_image,
+                   const std::optional<Tensor>& linear) {
+  const char* op = "shade";
+  const CudaRung& rung = find_rung(op, kCudaRungs, precision);
+  const int device = device_of({&packed, &positions, &triangles, &image});
+  check_on(op, "packed", packed, device, ScalarType::Long, {-1, -1, -1}, "int64 [B, H, W]");
+  check_on(op, "positions", positions, device, ScalarType::Float, {packed.size(0), -1, 4}, "float32 [B, V, 4]");
+  check_on(op, "triangles", triangles, device, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
+  check_count(op, "triangles", triangles.size(0));
+  check_count(op, "positions", positions.size(0));
+  check_size(op, packed.size(1), packed.size(2));
+  CheckedShading shading;
+  check_shading(op, device, positions, triangles, packed.size(1), packed.size(2),
+                {uvs, colors, normals, face_normals, material, looks, base_colors, textures, light_directions,
+                 light_colors, constants, two_sided},
+                thresholds, {image, albedo, normal_image, linear}, &shading);
+  for (const auto& output : {std::optional<Tensor>(image), albedo, normal_image, linear})
+    if (output) check_apart(op, "an output", *output, "packed", packed);
+  shading.job.packed = const_data<int64_t>(packed);
+  if (shading.job.views == 0) return;
+  const torch::stable::accelerator::DeviceGuard guard(device);
+  const Tensor scratch = scratch_of(rung.shading_scratch(shading.job), device);
+  check_launch(op, rung.begin_shading(shading.job, scratch.mutable_data_ptr(), current_stream(device)));
+  check_launch(op, rung.shade(shading.job, scratch.mutable_data_ptr(), current_stream(device)));
+}
+
+// height and width are those of the samples. packed and depth are written where they are not None.
+void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                  const std::string& cull, const std::optional<Tensor>& uvs, const std::optional<Tensor>& colors,
+                  const std::optional<Tensor>& normals, const std::optional<Tensor>& face_normals,
+                  const Tensor& material, const Tensor& looks, const Tensor& base_colors,
+                  const std::vector<Tensor>& textures, const Tensor& light_directions, const Tensor& light_colors,
+                  const Tensor& constants, bool two_sided, const Tensor& thresholds, const std::string& precision,
+                  const std::vector<int64_t>& parameters, const Tensor& image, const std::optional<Tensor>& albedo,
+                  const std::optional<Tensor>& normal_image, const std::optional<Tensor>& linear,
+                  const std::optional<Tensor>& packed, const std::optional<Tensor>& depth, const Tensor& dropped) {
+  const char* op = "draw";
+  Frame frame = {};
+  frame.view = viewport(op, height, width, cull, {0, 0, width, height});
+  const CudaRung& rung = find_rung(op, kCudaRungs, precision);
+  const CudaVariant& variant = **rung.variants;
+  const int device = device_of({&positions, &triangles, &image});
+  const DrawnTensors drawn = {positions, triangles, packed, depth, dropped};
+  check_drawn(op, device, drawn, height, width);
+  CheckedShading shading;
+  check_shading(op, device, positions, triangles, height, width,
+                {uvs, colors, normals, face_normals, material, looks, base_colors, textures, light_directions,
+                 light_colors, constants, two_sided},
+                thresholds, {image, albedo, normal_image, linear}, &shading);
+  check_drawn_apart(op, drawn, {image, albedo, normal_image, linear});
+  frame.positions = const_data<float>(positions);
+  frame.triangles = const_data<int32_t>(triangles);
+  frame.vertices = positions.size(1);
+  frame.view_stride = frame.vertices * 4;
+  frame.count = (int32_t)triangles.size(0);
+  frame.views = (int32_t)positions.size(0);
+  frame.depth = depth ? data<float>(*depth) : nullptr;
+  frame.dropped = data<int64_t>(dropped);
+  if (frame.views == 0) return;
+  const torch::stable::accelerator::DeviceGuard guard(device);
+  const cudaStream_t stream = current_stream(device);
+  std::optional<Tensor> buffer;
+  if (!packed) buffer = scratch_of(frame.views * height * width * (int64_t)sizeof(int64_t), device);
+  frame.packed = static_cast<int64_t*>((packed ? *packed : *buffer).mutable_data_ptr());
+  const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
+  const Tensor drawing = scratch_of(variant.scratch_bytes(frame, values.data()), device);
+  shading.job.packed = frame.packed;
+  const Tensor scratch = scratch_of(rung.shading_scratch(shading.job), device);
+  check_launch(op, rung.begin_shading(shading.job, scratch.mutable_data_ptr(), stream));
+  check_launch(op, variant.draw(frame, values.data(), drawing.mutable_data_ptr(), stream));
+  check_launch(op, rung.shade(shading.job, scratch.mutable_data_ptr(), stream));
+}
+
+}  // namespace
+}  // namespace bigtri
+
+STABLE_TORCH_LIBRARY_IMPL(bigtri, CUDA, m) {
+  m.impl("shade", TORCH_BOX(&bigtri::shade_cuda_op));
+  m.impl("draw", TORCH_BOX(&bigtri::draw_cuda_op));
+}

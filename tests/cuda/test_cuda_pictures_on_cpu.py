@@ -1,0 +1,193 @@
+"""Pictures and points to clip space on a GPU, without one, in bits against the CPU: shade.cu and transform.cu, run by
+cuda_on_cpu.py."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Iterable, Sequence
+
+import cuda_on_cpu
+import numpy as np
+import pytest
+import torch
+from picture_cases import (
+    Drawn,
+    Picture,
+    drawn,
+    full_screen,
+    of_every_effect,
+    of_many_clipped,
+    of_many_textures,
+    of_samples,
+    outputs,
+    picture_of,
+    with_bad_indices,
+)
+from test_cuda_attributes_on_cpu import bits, pointer
+from test_transform import ASPECT, awkward, cameras
+
+from bigtri import native
+from bigtri.ops.transform import transform
+from bigtri.reference.shading import encode_thresholds
+
+pytestmark = [
+    pytest.mark.skipif(bool(cuda_on_cpu.available()), reason=cuda_on_cpu.available()),
+    pytest.mark.skipif(not native.available(), reason="the extension is not built"),
+    pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
+]
+
+SIZES = ("views", "height", "width", "samples", "channels", "vertices", "triangles", "materials", "textures", "lights")
+ARRAYS = ("positions", "indices", "uvs", "colors", "normals", "face_normals", "material", "looks", "base_colors")
+ARRAYS += ("light_directions", "light_colors", "constants", "thresholds")
+RESULTS = ("image", "albedo", "normal_image", "linear", "drawn", "depth", "dropped")
+
+
+class PictureOnCpu(ctypes.Structure):
+    """As cuda_on_cpu.cpp has it."""
+
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in (*SIZES, "two_sided", "cull")),
+        *((name, ctypes.c_void_p) for name in ("packed", *ARRAYS, "texels", "texture_size", *RESULTS)),
+    ]
+
+
+def by_the_kernels(library: ctypes.CDLL, p: Picture, packed: torch.Tensor | None) -> Drawn:
+    """The picture by the kernels, of a visibility buffer or straight from its triangles."""
+    to, s, (height, width), n = outputs(p), p.surface, p.resolution, p.samples
+    thresholds = torch.tensor(encode_thresholds())
+    texels = (ctypes.c_void_p * len(s.textures))(*(t.data_ptr() for t in s.textures))
+    texture_size = torch.tensor([[*t.shape[:2], t.element_size()] for t in s.textures], dtype=torch.int64)
+    given = p.positions, p.triangles, s.uvs, s.colors, s.normals, s.face_normals, s.material, s.looks, s.base_colors
+    given = (packed, *given, s.light_directions, s.light_colors, s.constants, thresholds)
+    counts = len(p.positions), height * n, width * n, n, p.channels, p.positions.shape[1], len(p.triangles), len(s.looks)
+    counts = (*counts, len(s.textures), len(s.light_directions), s.two_sided, ("none", "back", "front").index(p.cull))
+    made = pointer(to.image), *map(pointer, to.made), *map(pointer, to[2:])
+    call = PictureOnCpu(*counts, *map(pointer, given), ctypes.cast(texels, ctypes.c_void_p), pointer(texture_size), *made)
+    assert library.shade_on_cpu(ctypes.byref(call)) == 0
+    return to if packed is None else to._replace(packed=packed)
+
+
+def fields(d: Drawn, of_buffer: bool) -> list[tuple[str, torch.Tensor]]:
+    named = [("image", d.image), *((k, v) for k, v in d.made._asdict().items() if v is not None)]
+    return named if of_buffer else [*named, ("packed", d.packed), ("depth", d.depth), ("dropped", d.dropped)]
+
+
+def differences(library: ctypes.CDLL, pictures: Iterable[tuple[Picture, Drawn]]) -> list[str]:
+    """Of what the kernels give from what they have to, a line each."""
+    found = []
+    for number, (picture, wanted) in enumerate(pictures):
+        for packed, order in ((None, number % 3), (wanted.packed, 3 + number % 2)):
+            library.set_order(order)  # of threads, and of warps: must not matter
+            got = by_the_kernels(library, picture, packed)
+            for (name, a), (_, b) in zip(*(fields(d, packed is not None) for d in (wanted, got)), strict=True):
+                if count := int((bits(a) != bits(b)).sum()):
+                    what = "draw" if packed is None else "shade"
+                    found.append(f"{what}, picture {number}, order {order}: {count} values of {name} differ")
+    return found
+
+
+def assert_right(pictures: Sequence[Picture]) -> None:
+    """The kernels give what the CPU gives."""
+    wanted = [(picture, drawn(picture)) for picture in pictures]
+    said = cuda_on_cpu.in_children([functools.partial(differences, cuda_on_cpu.kernels(), wanted)])
+    assert not said, said
+
+
+def test_every_effect_and_each_left_out() -> None:
+    assert_right(list(of_every_effect()))
+
+
+def test_several_samples_a_pixel() -> None:
+    assert_right(list(of_samples()))
+
+
+def test_any_number_of_textures_and_of_lights() -> None:
+    assert_right(
+        [full_screen((90, 33)), *of_many_textures(), picture_of(42, (20, 30), lights=0), picture_of(43, (20, 30), lights=9)]
+    )
+
+
+def test_more_clipped_triangles_than_are_listed() -> None:
+    picture = of_many_clipped(900)
+    assert len(drawn(picture).packed.unique()) > 600
+    assert_right([picture])
+
+
+def test_no_triangles_and_no_vertices() -> None:
+    picture = picture_of(44, (9, 200))
+    s = picture.surface
+    none = s._replace(face_normals=s.face_normals[:0], material=s.material[:0])
+    empty = picture._replace(triangles=picture.triangles[:0], surface=none)
+    assert_right([empty])
+
+
+def test_bad_indices_read_as_background() -> None:
+    picture = picture_of(45, (40, 50), views=2)._replace(cull="back")
+    broken, lost = with_bad_indices(picture)
+    wanted = drawn(picture)
+    named = (wanted.packed & 0xFFFFFFFF).clamp(max=len(lost) - 1)
+    where = (wanted.packed != 2**63 - 1) & lost[named]
+    empty = drawn(picture._replace(positions=torch.zeros_like(picture.positions)))
+    assert where.any() and (~where & (wanted.packed != 2**63 - 1)).any()
+    for have, background in ((wanted.image, empty.image), *zip(wanted.made, empty.made, strict=True)):
+        have[where] = background[where]
+
+    def body() -> list[str]:
+        got = by_the_kernels(cuda_on_cpu.kernels(), broken, wanted.packed)
+        pairs = zip(fields(wanted, True), fields(got, True), strict=True)
+        return [f"{name} differs" for (name, a), (_, b) in pairs if (bits(a) != bits(b)).any()]
+
+    said = cuda_on_cpu.in_children([body])
+    assert not said, said
+
+
+def test_buffers_that_say_anything() -> None:
+    """Nothing ends, and where a buffer names no triangle there is background."""
+    picture = picture_of(46, (41, 50), views=2)
+    rng, count = np.random.default_rng(0), len(picture.triangles)
+    edges = [-1, -(2**63), 2**63 - 1, 2**63 - 2, count, 2**31 - 1, 2**31, 2**32 - 1]
+    background = drawn(picture._replace(positions=torch.zeros_like(picture.positions))).image
+
+    def body() -> list[str]:
+        for values in (rng.integers(0, count, (2, 41, 50)), rng.choice(edges, (2, 41, 50))):
+            got = by_the_kernels(cuda_on_cpu.kernels(), picture, torch.from_numpy(values))
+        return [] if np.array_equal(got.image.numpy(), background.numpy()) else ["background"]
+
+    said = cuda_on_cpu.in_children([body])
+    assert not said, said
+
+
+def test_transform() -> None:
+    points = torch.from_numpy(awkward(300))
+    matrices = torch.from_numpy(np.stack([camera.matrix(ASPECT) for camera in cameras()]))
+    wanted = transform(points, matrices, "native")
+
+    def body() -> list[str]:
+        out = torch.empty_like(wanted)
+        sizes = (ctypes.c_int64(len(a)) for a in (points, matrices))
+        assert cuda_on_cpu.kernels().transform_on_cpu(pointer(points), pointer(matrices), *sizes, pointer(out)) == 0
+        return [] if np.array_equal(bits(out), bits(wanted)) else ["differs"]
+
+    said = cuda_on_cpu.in_children([body])
+    assert not said, said
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "starts[j] = id[j] >= 0 && (id[j] != before || x == 0);",
+            "starts[j] = id[j] >= 0 && id[j] != before;",
+            "values of image",
+        ),
+        ("base + kRuns < found.x ? room->begin[base + kRuns] : found.y;", "found.y;", "access beyond memory"),
+        ("&& ((uintptr_t)job.image & 3) == 0) {", "|| true) {", "access beyond memory"),
+    ],
+)
+def test_what_is_broken_shows(old: str, new: str, said: str, tmp_path) -> None:
+    """A run that goes on in the next row, pixels of runs that are not set up yet, memory."""
+    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", old, new))
+    small = picture_of(47, (90, 33), views=3, made=False, count=2000)
+    wanted = [(p, drawn(p)) for p in (small, full_screen((90, 33)))]
+    assert said in cuda_on_cpu.in_children([functools.partial(differences, library, wanted)])
