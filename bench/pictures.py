@@ -23,7 +23,7 @@ import statistics
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -176,15 +176,14 @@ def memory(pictured: Pictured, threads: int) -> Row:
     """The first 4K picture: the picture itself is part of what it takes."""
     mine = Bigtri(threads)
     mine.load(pictured, 3840, 2160)
-    bigtri.memory.empty()
+    bigtri.memory.release()
     if hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
         libc.malloc_trim(0)  # what making the scene has left does not count as there already
     with setting(threads):
         peak = peak_mib(mine.draw)
     row = Row("memory", "bigtri", "auto", pictured.name, len(pictured.scene.triangles), 3840, 2160, threads, native.isa())
-    print(
-        f"{pictured.name}: the first 4K picture takes {peak or math.nan:.0f} MiB, of which it has {2160 * 3840 * 3 / 2**20:.0f} itself"
-    )
+    own = 2160 * 3840 * 3 / 2**20
+    print(f"{pictured.name}: the first 4K picture takes {peak or math.nan:.0f} MiB, {own:.0f} of them its own")
     return dataclasses.replace(row, peak_mib=peak)
 
 

@@ -8,6 +8,7 @@
 #include "setup.inl"
 #include "shade.inl"
 #include "stages.inl"
+#include "texture.inl"
 #include "two_stage.inl"
 
 namespace bigtri {
