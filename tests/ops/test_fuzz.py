@@ -226,6 +226,45 @@ def transform(s: Source) -> Call:
     return (s.floats(vertices, 3), s.floats(views, 4, 4).double(), torch.empty(views, vertices, 4)), []
 
 
+def surface_of(s: Source, vertices: int, triangles: int) -> tuple[Any, ...]:
+    """uvs to the rung's name."""
+    materials, lights, textures = s.size(4), s.size(4), s.size(4)
+    texels = [s.floats(s.size(4), s.size(4), s.pick(3, 3, 3, 4)) for _ in range(textures)]
+    texels = [s.pick(t, s.integers(0, 256, *t.shape).to(s.pick(torch.uint8, torch.uint16))) for t in texels]
+    looks = torch.cat([s.integers(0, 32, materials, 1), s.integers(-1, textures, materials, 1)], 1)
+    return (
+        *(s.pick(None, s.floats(vertices, n)) for n in (2, 3, 3)),
+        s.pick(None, s.floats(triangles, 3)),
+        *(s.integers(0, materials, triangles), looks, s.floats(materials, 3), texels),
+        *(s.floats(lights, 3), s.floats(lights, 3), s.floats(3, 3), s.pick(True, False), s.floats(255), rung(s)),
+    )
+
+
+def picture_of(s: Source, views: int, height: int, width: int) -> tuple[Any, ...]:
+    """image to linear, of so many samples; most of the time they are a whole number a pixel."""
+    n = s.pick(1, 1, 2, 3)
+    image = torch.empty(views, height // n, width // n, s.pick(3, 3, 4, 2), dtype=torch.uint8)
+    return image, *(s.pick(None, torch.empty(views, height, width, 3)) for _ in "anl")
+
+
+def shade(s: Source) -> Call:
+    packed, positions, triangles = attributes_of(s)
+    surface = surface_of(s, positions.shape[1], len(triangles))
+    return (packed, positions, triangles, *surface, *picture_of(s, *packed.shape)), []
+
+
+def draw(s: Source) -> Call:
+    batch = s.size(3)
+    positions, triangles = s.mesh(batch)
+    height, width, cull, _ = s.view()
+    h, w = (v if 0 <= v <= 64 else 8 for v in (height, width))
+    surface = surface_of(s, positions.shape[1], len(triangles))
+    values = s.pick([], [], [], [1], [64, 7], [0], [-1, 3])
+    seen = s.pick(None, torch.empty(batch, h, w, dtype=I64)), s.pick(None, torch.empty(batch, h, w))
+    made = picture_of(s, batch, h, w)
+    return (positions, triangles, height, width, cull, *surface, values, *made, *seen, torch.empty(batch, dtype=I64)), []
+
+
 # Each operator's arguments are made by the function of its name.
 MAKERS: list[Callable[[Source], Call]] = [globals()[op] for op in fakes.OPERATORS]
 
