@@ -45,17 +45,16 @@ constexpr StageKernels stage_kernels() {
 }
 // No rung differs in what is done with images: shading.cpp takes these kernels from the default rung.
 constexpr AttributeKernels attribute_kernels() {
-  if constexpr (kCounts)
-    return {};
-  else if constexpr (std::is_same_v<Rung, rungs::exact>)
-    return {.interpolate_row = stage_interpolate_row,
-            .sample = stage_sample<const float*>,
-            .sample_codes8 = stage_sample<CodedTexels<uint8_t>>,
-            .sample_codes16 = stage_sample<CodedTexels<uint16_t>>,
-            .lambert = stage_lambert,
-            .encode_srgb = stage_encode_srgb};
-  else
-    return {.interpolate_row = stage_interpolate_row};
+  AttributeKernels k = {};
+  if constexpr (!kCounts) k.interpolate_row = stage_interpolate_row;
+  if constexpr (!kCounts && std::is_same_v<Rung, rungs::exact>) {
+    k.sample = stage_sample<const float*>;
+    k.sample_codes8 = stage_sample<CodedTexels<uint8_t>>;
+    k.sample_codes16 = stage_sample<CodedTexels<uint16_t>>;
+    k.lambert = stage_lambert;
+    k.encode_srgb = stage_encode_srgb;
+  }
+  return k;
 }
 constexpr ShadeKernels picture_kernels() {
   if constexpr (kCounts)
