@@ -11,6 +11,7 @@ import os
 import platform
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import torch
@@ -136,6 +137,9 @@ def extensions() -> list[CppExtension]:
     ladder = ["-DBIGTRI_WITH_LADDER"] * with_ladder()
     flags = [*FLAGS, f"-DTORCH_TARGET_VERSION={TARGET_TORCH}", *ladder]
     link = []
+    if "bdist_wheel" in sys.argv and sys.platform == "linux":
+        # Nine tenths of the library are debug information, where the flags that Python itself was built with have -g.
+        link += ["-Wl,--strip-debug"]
     if sanitize := os.environ.get("BIGTRI_SANITIZE"):  # e.g. address,undefined; CONTRIBUTING.md says how to run it
         # Python's own flags have -fwrapv, under which no signed overflow is undefined, so that none would be reported.
         flags += [f"-fsanitize={sanitize}", "-fno-sanitize-recover=all", "-fno-wrapv", "-fno-omit-frame-pointer", "-g", "-O1"]

@@ -31,13 +31,16 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # the worker needs neither bigtri nor torch
+    from typing_extensions import Self
+
     from bigtri.study.scenes import Triangles
 
 WAYS = ("primitive", "attribute", "none")
@@ -50,31 +53,31 @@ COLOR, DEPTH = 0x1800, 0x1801
 # --- the driver's side
 
 
-class Llvmpipe:
-    """A process with an llvmpipe context of `threads` rasterizer threads (0: none besides the caller)."""
+class Process:
+    """A process with an llvmpipe context of `threads` rasterizer threads (0: none besides the caller), which runs `program`."""
 
-    def __init__(self, threads: int) -> None:
+    def __init__(self, program: str, threads: int) -> None:
         environment = os.environ | {"LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "llvmpipe", "LP_NUM_THREADS": str(threads)}
         self.process = subprocess.Popen(
-            [sys.executable, __file__, "--worker"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+            [sys.executable, program, "--worker"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
         )
         self.folder = tempfile.TemporaryDirectory()
         self.renderer: str = self._receive()["renderer"]
 
-    def load(self, scene: Triangles, width: int, height: int, ids: str) -> None:
-        """Uploads a scene in clip space; ids is one of `WAYS`."""
+    def load_arrays(self, arrays: dict[str, NDArray[Any]], **about: Any) -> None:
+        """Hands over arrays by name, and what else the worker's `make` wants to know."""
         path = Path(self.folder.name) / "scene.npz"
-        np.savez(path, positions=scene.positions, triangles=scene.triangles)
-        self._order(order="load", path=str(path), width=width, height=height, ids=ids)
+        np.savez(path, **arrays)  # type: ignore[arg-type]  # the stub takes them for the option allow_pickle
+        self._order(order="load", path=str(path), **about)
 
     def frames(self, count: int) -> list[float]:
         """Draws `count` frames: milliseconds of each."""
         return self._order(order="frames", count=count)["ms"]
 
-    def ids(self) -> NDArray[np.int32]:
-        """The last frame's triangle indices, int32 [H, W], row 0 on top, -1 where there is none."""
-        path = Path(self.folder.name) / "ids.npy"
-        self._order(order="ids", path=str(path))
+    def result(self) -> NDArray[Any]:
+        """The last frame."""
+        path = Path(self.folder.name) / "result.npy"
+        self._order(order="result", path=str(path))
         return np.load(path)
 
     def close(self) -> None:
@@ -83,7 +86,7 @@ class Llvmpipe:
         self.process.wait(timeout=30)
         self.folder.cleanup()
 
-    def __enter__(self) -> Llvmpipe:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exc: object) -> None:
@@ -103,6 +106,21 @@ class Llvmpipe:
         return json.loads(line)
 
 
+class Llvmpipe(Process):
+    """What draws a visibility buffer."""
+
+    def __init__(self, threads: int) -> None:
+        super().__init__(__file__, threads)
+
+    def load(self, scene: Triangles, width: int, height: int, ids: str) -> None:
+        """Uploads a scene in clip space; ids is one of `WAYS`."""
+        self.load_arrays({"positions": scene.positions, "triangles": scene.triangles}, width=width, height=height, ids=ids)
+
+    def ids(self) -> NDArray[np.int32]:
+        """The last frame's triangle indices, int32 [H, W], row 0 on top, -1 where there is none."""
+        return self.result()
+
+
 # --- the worker's side
 
 
@@ -112,6 +130,15 @@ def opengl(name: str, *arguments: Any) -> Any:
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
     return ctypes.CFUNCTYPE(None, *arguments)(egl.eglGetProcAddress(name.encode()))
+
+
+def float_depth(context: Any, size: tuple[int, int]) -> Any:
+    """A depth texture of 32-bit floats, which moderngl does not make."""
+    depth = context.depth_texture(size)
+    i, u, p = ctypes.c_int, ctypes.c_uint, ctypes.c_void_p
+    opengl("glBindTexture", u, u)(TEXTURE_2D, depth.glo)
+    opengl("glTexImage2D", u, i, i, i, i, i, u, u, p)(TEXTURE_2D, 0, DEPTH_COMPONENT32F, *size, 0, DEPTH_COMPONENT, FLOAT, None)
+    return depth
 
 
 VERTEX = """#version 330
@@ -144,13 +171,8 @@ class Frame:
             self.vertices = context.vertex_array(program, content, index_buffer=context.buffer(triangles.tobytes()))
         self.size = (width, height)
         self.color = context.texture(self.size, 1, dtype="i4") if written else None
-        depth = context.depth_texture(self.size)
         i, u, p = ctypes.c_int, ctypes.c_uint, ctypes.c_void_p
-        opengl("glBindTexture", u, u)(TEXTURE_2D, depth.glo)
-        opengl("glTexImage2D", u, i, i, i, i, i, u, u, p)(
-            TEXTURE_2D, 0, DEPTH_COMPONENT32F, width, height, 0, DEPTH_COMPONENT, FLOAT, None
-        )
-        self.target = context.framebuffer([self.color] if self.color else [], depth)
+        self.target = context.framebuffer([self.color] if self.color else [], float_depth(context, self.size))
         self.target.use()
         context.viewport = (0, 0, width, height)
         context.enable_only(context.DEPTH_TEST)
@@ -169,13 +191,23 @@ class Frame:
         self.finish()
         return (time.perf_counter() - start) * 1e3
 
-    def ids(self) -> NDArray[np.int32]:
+    def result(self) -> NDArray[np.int32]:
         assert self.color, "WAYS none draws no ids"
         return np.frombuffer(self.color.read(), np.int32).reshape(self.size[1], self.size[0])
 
 
-def worker() -> None:
-    """Answers orders from stdin until it closes."""
+class Drawn(Protocol):
+    """What a worker draws."""
+
+    def draw(self) -> float:
+        """A whole frame: its milliseconds."""
+
+    def result(self) -> NDArray[Any]:
+        """The last frame."""
+
+
+def worker(make: Callable[[Any, dict[str, NDArray[Any]], dict[str, Any]], Drawn]) -> None:
+    """Answers orders from stdin until it closes. make: of a context, arrays, and what else came with the order to load."""
     import moderngl
 
     try:
@@ -184,26 +216,26 @@ def worker() -> None:
         sys.exit(f"llvmpipe: {error}")
     context.gc_mode = "auto"  # a new scene frees the last one's buffers
     print(json.dumps({"renderer": f"{context.info['GL_RENDERER']}, {context.info['GL_VERSION']}"}), flush=True)
-    frame: Frame | None = None
+    frame: Drawn | None = None
     for line in sys.stdin:
         order = json.loads(line)
         answer: dict[str, Any] = {}
         if order["order"] == "load":
             frame = None  # gives its memory back first
-            frame = Frame(context, dict(np.load(order["path"])), order["width"], order["height"], order["ids"])
+            frame = make(context, dict(np.load(order["path"])), order)
         elif frame is None:
             raise RuntimeError("an order to draw before one to load")
         elif order["order"] == "frames":
             answer["ms"] = [frame.draw() for _ in range(order["count"])]
-        elif order["order"] == "ids":
-            np.save(order["path"], frame.ids())
+        elif order["order"] == "result":
+            np.save(order["path"], frame.result())
         print(json.dumps(answer), flush=True)
 
 
 # --- by itself: a table of all ways, to see which one is the fastest
 
 
-def budgeted(peer: Llvmpipe, seconds: float) -> list[float]:
+def budgeted(peer: Process, seconds: float) -> list[float]:
     """Frames for about `seconds`, at least 3, after one or two to warm up."""
     first = peer.frames(2)[1]
     return peer.frames(max(3, min(200, int(seconds * 1e3 / first))))
@@ -211,7 +243,7 @@ def budgeted(peer: Llvmpipe, seconds: float) -> list[float]:
 
 def main() -> None:
     if "--worker" in sys.argv[1:]:
-        return worker()
+        return worker(lambda context, arrays, about: Frame(context, arrays, about["width"], about["height"], about["ids"]))
 
     from bigtri.app import arguments as option_types
     from bigtri.study import scenes

@@ -445,11 +445,11 @@ int transform_on_cpu(const float* points, const double* matrices, int64_t count,
 // What shade_on_cpu gets. Arrays are those of the operators `shade` and `draw`; null: left out.
 struct PictureOnCpu {
   int64_t views, height, width, samples, channels, vertices, triangles, materials, textures, lights, two_sided, cull;
-  const void *packed;  // null: the triangles are drawn first
+  const void* packed;  // null: the triangles are drawn first
   const void *positions, *indices, *uvs, *colors, *normals, *face_normals, *material, *looks, *base_colors,
       *light_directions, *light_colors;
   const float *constants, *thresholds;
-  const void* const* texels;    // of each texture
+  const void* const* texels;  // of each texture
   const int64_t* texture_size;  // of each texture: height, width, bytes of a value
   void *image, *albedo, *normal_image, *linear, *drawn, *depth, *dropped;
 };
@@ -542,7 +542,6 @@ int shade_on_cpu(const PictureOnCpu* p) {
     const Memory work(variant.scratch_bytes(f, values.data()), 0x7f);
     error |= variant.draw(f, values.data(), work.of<char>(), nullptr);
     job.packed = f.packed;
-    job.next = true;
   }
   error |= BIGTRI_RUNG::shade_cuda(job, scratch.of<char>(), nullptr);
   for (const Output& o : outputs) memcpy(o.to, o.from, (size_t)o.bytes);

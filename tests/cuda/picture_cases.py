@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from cases import random_corners
 
-from bigtri.ops.shade import Made, draw, new_made
+from bigtri.ops.shade import Made, draw
 from bigtri.precision import DEFAULT, RUNGS
 from bigtri.reference.shade import Look, Surface
 
@@ -51,23 +51,27 @@ def to_device(picture: Picture, device: str) -> Picture:
 def outputs(picture: Picture) -> Drawn:
     """Memory for what a picture gives, full of what it does not."""
     (height, width), n, views = picture.resolution, picture.samples, len(picture.positions)
-    like, shape = picture.positions, (views, height * n, width * n)
-    made = Made(*(a.fill_(-7) for a in new_made(like, shape))) if picture.made else Made()
+    shape = views, height * n, width * n
+
+    def full(shape: tuple[int, ...], value: float, dtype: type) -> torch.Tensor:
+        # By NumPy: torch's threads do not outlive a fork.
+        return torch.from_numpy(np.full(shape, value, dtype)).to(picture.positions.device)
+
     return Drawn(
-        like.new_full((views, height, width, picture.channels), 77, dtype=torch.uint8),
-        made,
-        like.new_full(shape, -7, dtype=torch.int64),
-        like.new_full(shape, -7),
-        like.new_full((views,), -7, dtype=torch.int64),
+        full((views, height, width, picture.channels), 77, np.uint8),
+        Made(*(full((*shape, 3), -7, np.float32) for _ in Made._fields)) if picture.made else Made(),
+        full(shape, -7, np.int64),
+        full(shape, -7, np.float32),
+        full((views,), -7, np.int64),
     )
 
 
-def drawn(picture: Picture) -> Drawn:
-    """The picture where its tensors are, by the library."""
+def drawn(picture: Picture, rung: str = DEFAULT, backend: str = "native") -> Drawn:
+    """The picture where its tensors are."""
     to = outputs(picture)
     seen = (to.packed, to.depth)
     given = picture.positions, picture.triangles, picture.cull, picture.surface, to.image, picture.samples
-    return to._replace(dropped=draw(*given, to.made, seen, RUNGS[DEFAULT], "native"))
+    return to._replace(dropped=draw(*given, to.made, seen, RUNGS[rung], backend))
 
 
 def textures_of(rng: np.random.Generator) -> tuple[torch.Tensor, ...]:
@@ -158,6 +162,13 @@ def of_samples() -> Iterator[Picture]:
     """Several samples a pixel, with and without alpha."""
     for n, (samples, channels) in enumerate(itertools.product((2, 3), (3, 4))):
         yield picture_of(20 + n, (13, 22), 1 + n % 2, samples=samples, channels=channels, made=n % 2 == 0)
+
+
+def full_screen(resolution: tuple[int, int]) -> Picture:
+    """One triangle at every pixel, of another distance at each corner."""
+    corners = torch.tensor([[[-1.0, -1, 0.1, 1], [3, -1, 0.2, 1], [-1, 3, 0.3, 1]]]) * torch.tensor([1.0, 2, 3])[:, None]
+    triangles = torch.tensor([[0, 1, 2]], dtype=torch.int32)
+    return Picture(corners, triangles, surface_of(np.random.default_rng(5), 3, 1), resolution)
 
 
 def of_many_textures() -> Iterator[Picture]:

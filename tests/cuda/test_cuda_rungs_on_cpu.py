@@ -14,7 +14,9 @@ from cases import Case, random_corners, soup
 from cuda_bits import CONSTRUCTIONS
 from cuda_on_cpu import VARIANTS_OF, Job
 from numpy.typing import NDArray
+from picture_cases import drawn, picture_of
 from test_cuda_attributes_on_cpu import bits, interpolate
+from test_cuda_pictures_on_cpu import differences as differences_of_pictures
 
 import bigtri
 from bigtri import native, reference
@@ -33,15 +35,18 @@ SETTINGS = ({}, {"queue": 1}, {"widest": 8, "share": 4}, {"rows": 0, "share": 12
 
 
 def assorted(rng: np.random.Generator) -> Case:
-    """Small, large, thin and clipped triangles, which cross bins, and one that is not finite."""
+    """Small, large, thin and clipped triangles, which cross bins, some with edges too long for float32, and one not finite."""
     small = random_corners(rng, 120, 0.9)
     small[:, 1:] = small[:, :1] + rng.normal(0, 0.04, (120, 2, 4)) * [1, 1, 0, 0]
     thin = random_corners(rng, 40, 1.0)
     thin[:, 2, :2] = thin[:, 1, :2] + rng.normal(0, 0.003, (40, 2))
     clipped = random_corners(rng, 25, 1.5, behind=True)
+    endless = random_corners(rng, 12, 1.0, behind=True)
+    endless[..., :2] *= 10.0 ** rng.uniform(37.5, 38.2, (12, 3, 1))
     broken = random_corners(rng, 1, 1.0)
     broken[0, 1, 2] = np.nan
-    return soup(rng.permutation(np.concatenate([small, random_corners(rng, 25, 1.2), thin, clipped, broken])), (110, 150))
+    corners = [small, random_corners(rng, 25, 1.2), thin, clipped, endless, broken]
+    return soup(rng.permutation(np.concatenate(corners)), (110, 150))
 
 
 class Picture(NamedTuple):
@@ -65,10 +70,6 @@ def picture(name: str, rung: str) -> Picture:
         seen = bigtri.rasterize(case.positions, case.triangles, case.resolution, precision=rung, backend="native")
         assert np.array_equal(seen.packed, packed) and seen.dropped == dropped
     return Picture(case, packed, depth, dropped)
-
-
-def test_every_rung_has_kernels() -> None:
-    assert VARIANTS_OF.keys() == RUNGS.keys()
 
 
 @pytest.mark.parametrize("rung", OTHERS)
@@ -106,4 +107,15 @@ def test_interpolation(rung: str) -> None:
         return found
 
     said = cuda_on_cpu.in_children([differences])
+    assert not said, said
+
+
+@pytest.mark.parametrize("rung", OTHERS)
+def test_pictures(rung: str) -> None:
+    """Of the rung's own attributes, of triangles that are clipped and not, straight from triangles and of a buffer."""
+    one = picture_of(3, (26, 34), samples=2, count=40)
+    if RUNGS[rung].reversed:
+        one = one._replace(positions=torch.from_numpy(reversed_depth(one.positions[0].numpy()))[None])
+    wanted = drawn(one, rung, "reference")
+    said = cuda_on_cpu.in_children([functools.partial(differences_of_pictures, cuda_on_cpu.kernels(rung), [(one, wanted)])])
     assert not said, said

@@ -143,6 +143,22 @@ def test_backends_agree_in_bits_on_codes(dtype, isa):
             assert one.tobytes() == two.tobytes()
 
 
+@needs_native
+@pytest.mark.parametrize("isa", native.isa_levels() if native.available() else [])
+@pytest.mark.parametrize("dtype", [np.float32, np.uint8, np.uint16])
+def test_any_number_of_lookups_and_channels(dtype, isa):
+    """Lookups are taken many at a time, and some numbers of channels as one vector, which must not write past the result."""
+    rng = np.random.default_rng(4)
+    for count, channels in itertools.product((1, 2, 15, 17, 63, 64, 65, 129), (1, 2, 3, 4, 5)):
+        texture, uv = (100 * rng.random((3, 5, channels))).astype(dtype), rng.random((count, 2)).astype(np.float32)
+        expected = sample_texture(texture, uv, backend="reference")
+        memory = torch.full((count + 1, channels), -7.0)
+        with native.using_isa(isa):
+            sample_texture(texture, uv, backend="native", out=memory[:count])
+        assert memory[:count].numpy().tobytes() == expected.tobytes()
+        assert (memory[count] == -7).all()
+
+
 def every_code(dtype) -> tuple[np.ndarray, np.ndarray]:
     """A square texture of all codes, in their order, and the coordinates of its texels."""
     side = 1 << (4 * np.dtype(dtype).itemsize)

@@ -112,18 +112,26 @@ BIGTRI_HD F float_over(const F& v, const B& by) {
     return v / by;
 }
 
-// The same as barycentrics, in float32: what is read is rounded to that first, as e is. F is float, or a vector of it.
+// The same as whole_barycentrics, in float32: what is read is rounded to that first, as e is. F is float, or a vector of
+// it.
+template <class F>
+BIGTRI_HD void whole_float_barycentrics(float area, const double w[3], bool affine, const F e[3], F b[3]) {
+  for (int k = 0; k < 3; ++k) b[k] = float_over(e[k], area);
+  if (affine) return;
+  for (int k = 0; k < 3; ++k) b[k] = float_over(b[k], (float)w[k]);
+  const F sum = (b[0] + b[1]) + b[2];
+  for (int k = 0; k < 3; ++k) b[k] = float_over(b[k], sum);
+}
+
+// The same as barycentrics, in float32.
 template <int kRecords, class F>
 BIGTRI_HD void float_barycentrics(const ParentOf<kRecords>& parent, int record, const F e[3], F b[3]) {
   const float area = (float)parent.primitive[record].area;
-  for (int k = 0; k < 3; ++k) b[k] = float_over(e[k], area);
-  if (parent.affine) return;
-  for (int k = 0; k < 3; ++k) b[k] = float_over(b[k], (float)parent.w[record][k]);
-  if (parent.clipped) {
-    const double (*t)[3] = parent.weights[record];
-    const F u0 = b[0], u1 = b[1], u2 = b[2];
-    for (int m = 0; m < 3; ++m) b[m] = (u0 * (float)t[0][m] + u1 * (float)t[1][m]) + u2 * (float)t[2][m];
-  }
+  if (!parent.clipped) return whole_float_barycentrics(area, parent.w[record], parent.affine, e, b);
+  for (int k = 0; k < 3; ++k) b[k] = float_over(float_over(e[k], area), (float)parent.w[record][k]);
+  const double (*t)[3] = parent.weights[record];
+  const F u0 = b[0], u1 = b[1], u2 = b[2];
+  for (int m = 0; m < 3; ++m) b[m] = (u0 * (float)t[0][m] + u1 * (float)t[1][m]) + u2 * (float)t[2][m];
   const F sum = (b[0] + b[1]) + b[2];
   for (int m = 0; m < 3; ++m) b[m] = float_over(b[m], sum);
 }

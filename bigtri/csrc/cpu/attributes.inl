@@ -1,6 +1,5 @@
 // The kernels that read a visibility buffer or values per pixel: a row of the attribute pass (called by
-// attributes.cpp), textures, Lambert shading and sRGB encoding (called by shading.cpp). Compiled once per instruction
-// set.
+// attributes.cpp), Lambert shading and sRGB encoding (called by shading.cpp). Compiled once per instruction set.
 #pragma once
 
 #include "kernels.h"
@@ -193,13 +192,6 @@ void stage_interpolate_row(const AttributeJob& job, int64_t view, int64_t y, Par
     out += (end - x) * job.channels;
     x = end;
   }
-}
-
-template <class Texture>
-void stage_sample(Texture texture, int height, int width, int64_t channels, const float* uv, int64_t count,
-                  Filter filter, Wrap wrap, float* out) {
-  for (int64_t i = 0; i < count; ++i)
-    sample(texture, height, width, channels, uv[2 * i], uv[2 * i + 1], filter, wrap, out + channels * i);
 }
 
 void stage_lambert(const float* normals, const float* albedo, const float* ambient, const float* directions,

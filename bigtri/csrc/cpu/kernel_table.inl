@@ -8,6 +8,7 @@
 #include "setup.inl"
 #include "shade.inl"
 #include "stages.inl"
+#include "texture.inl"
 #include "two_stage.inl"
 
 namespace bigtri {
@@ -45,16 +46,16 @@ constexpr StageKernels stage_kernels() {
 }
 // No rung differs in what is done with images: shading.cpp takes these kernels from the default rung.
 constexpr AttributeKernels attribute_kernels() {
-  AttributeKernels k = {};
-  if constexpr (!kCounts) k.interpolate_row = stage_interpolate_row;
+  AttributeKernels kernels = {};
+  if constexpr (!kCounts) kernels.interpolate_row = stage_interpolate_row;
   if constexpr (!kCounts && std::is_same_v<Rung, rungs::exact>) {
-    k.sample = stage_sample<const float*>;
-    k.sample_codes8 = stage_sample<CodedTexels<uint8_t>>;
-    k.sample_codes16 = stage_sample<CodedTexels<uint16_t>>;
-    k.lambert = stage_lambert;
-    k.encode_srgb = stage_encode_srgb;
+    kernels.sample = stage_sample<const float*>;
+    kernels.sample_codes8 = stage_sample<CodedTexels<uint8_t>>;
+    kernels.sample_codes16 = stage_sample<CodedTexels<uint16_t>>;
+    kernels.lambert = stage_lambert;
+    kernels.encode_srgb = stage_encode_srgb;
   }
-  return k;
+  return kernels;
 }
 constexpr ShadeKernels picture_kernels() {
   if constexpr (kCounts)

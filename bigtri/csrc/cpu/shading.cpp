@@ -1,5 +1,5 @@
 // Textures, Lambert shading and sRGB encoding: cuts the elements into blocks and calls the kernels of attributes.inl
-// over threads. The binding calls it. All rungs agree on these, so this file is compiled for the
+// and texture.inl over threads. The binding calls it. All rungs agree on these, so this file is compiled for the
 // default rung alone. Their kernels are part of every rung's table, unused in the others.
 
 #include <algorithm>

@@ -21,8 +21,8 @@ namespace {
 // run of a lane each, so that a triangle is set up once for all pixels of its run, and then finish the pixels that are
 // covered, one a lane, whatever runs they are of.
 
-constexpr int kWarps = 4;  // of a block, in all kernels
-constexpr int kThreads = kWarps * kWarp;
+constexpr int kShadeWarps = 4;  // of a block, in all kernels
+constexpr int kShadeThreads = kShadeWarps * kWarp;
 constexpr int kEach = 4;                  // pixels that a lane loads
 constexpr int kPixels = kEach * kWarp;    // of a group
 constexpr int kWords = kPixels / kWarp;   // of a group, a bit a pixel
@@ -39,7 +39,13 @@ static_assert(kRuns == kWarp, "a lane sets up a run");
 enum { kUv = 0, kColor = 2, kNormal = 5, kChannels = 8 };
 
 // Bits of Skin::bits beside those of LookBit, which stay where the surface has the data.
-enum : int32_t { kSmoothNormal = 1 << 8, kFaceNormal = 1 << 9, kAffine = 1 << 10, kNotDrawn = 1 << 11 };
+enum : int32_t {
+  kSmoothNormal = 1 << 8,
+  kFaceNormal = 1 << 9,
+  kAffine = 1 << 10,
+  kNotDrawn = 1 << 11,
+  kIsClipped = 1 << 12
+};
 
 // What a triangle looks like.
 struct Skin {
@@ -51,19 +57,20 @@ struct Skin {
   int32_t unused[2];
 };
 
-// Pixels of a row of one triangle that is not clipped. e_k at the run's pixel i is start[k] + step[k] * i: integers below
-// 2^53, so float64 is exact.
+// What edge values along a row are computed in, exactly: float64 holds integers below 2^53.
+using EdgeAlongRow = std::conditional_t<Rung::kWideEdges, int64_t, double>;
+
+// Pixels of a row of one triangle that is not clipped. e_k at the run's pixel i is start[k] + step[k] * i.
 struct alignas(16) Run {
-  double start[3], step[3];
+  EdgeAlongRow start[3], step[3], down[3];
   Divisor area, w[3];
   Skin skin;
 };
 
 // A triangle that has been clipped: its records, in fan order.
-struct Clipped {
+struct ClippedFan {
   struct Sub {
-    int32_t x[3], y[3];  // subpx
-    int64_t area;
+    Primitive primitive;
     double w[3], weights[3][3];
   };
   int count;  // records
@@ -71,17 +78,25 @@ struct Clipped {
   Sub sub[kMaxSubTriangles];
 };
 
-// The launch's parameters beside the job.
-struct Tables {
-  float thresholds[255];
+// What a frame looks up, made once by the kernel before it. It stays in the caches.
+struct Codes {
+  SrgbTable encode;
   float decoded[256];  // what 8-bit codes of textures stand for
+};
+
+// sRGB thresholds on their way to memory.
+struct Thresholds {
+  float value[255];
 };
 
 // Memory that the kernels work with.
 struct Work {
   uint64_t* keys;      // [kListed]: view << 32 | triangle of the clipped triangles, or kFree
   uint64_t* any;       // [1]: kFree if nothing is clipped. After the keys
-  Clipped* records;    // [kListed]
+  Codes* codes;
+  uint32_t* background;  // [H / samples]: of each row of the picture, the lowest byte first
+  ClippedFan* records;    // [kListed]
+  Run* runs;           // [views, T], where triangles are set up before they are met; else null
   uint32_t* clipped;   // a bit for each pixel: whether its triangle is clipped
   uint32_t* drawn;     // the same: whether it is not the background; null where nobody asks
   const Texture* many;  // all textures, where there are more than kTextures; else null
@@ -94,27 +109,8 @@ struct SomeTextures {
   Texture texture[kTexturesAtOnce];
 };
 
-// In shared memory: sRGB codes both ways.
-struct Codes {
-  SrgbTable encode;
-  float decoded[256];
-};
-
-// With all threads of the block; a barrier has to follow.
-__device__ __forceinline__ void fill_codes(const Tables& tables, Codes* out) {
-  for (int i = threadIdx.x; i < 256; i += kThreads) {
-    out->decoded[i] = tables.decoded[i];
-    // The steps k between thresholds i - 1 and i: those with i thresholds <= k / kSrgbSteps.
-    const float begin = i == 0 ? 0.0f : tables.thresholds[i - 1] * kSrgbSteps;
-    const float end = i == 255 ? kSrgbSteps + 1.0f : tables.thresholds[i] * kSrgbSteps;
-    out->encode.thresholds[i] = i == 255 ? kInfinity : tables.thresholds[i];
-    int k = (int)begin;
-    for (k += (float)k < begin; k <= kSrgbSteps && (float)k < end; ++k) out->encode.start[k] = (uint8_t)i;
-  }
-}
-
-__device__ __forceinline__ int64_t warp_in_grid() { return (int64_t)blockIdx.x * kWarps + this_warp(); }
-__device__ __forceinline__ int64_t warps_of_grid() { return (int64_t)gridDim.x * kWarps; }
+__device__ __forceinline__ int64_t warp_in_grid() { return (int64_t)blockIdx.x * kShadeWarps + this_warp(); }
+__device__ __forceinline__ int64_t warps_of_grid() { return (int64_t)gridDim.x * kShadeWarps; }
 
 __device__ __forceinline__ Frame frame_of(const Shading& job, int64_t view) {
   const Viewport whole = {job.width, job.height, 0, 0, job.width, job.height, kCullNone};
@@ -246,7 +242,7 @@ __device__ __forceinline__ void list_clipped(const Work& work, uint64_t key) {
 }
 
 // The record of a triangle, or null if it has none.
-__device__ __forceinline__ const Clipped* find_clipped(const Work& work, uint64_t key) {
+__device__ __forceinline__ const ClippedFan* find_clipped(const Work& work, uint64_t key) {
   for (int n = 0; n < kProbes; ++n) {
     const int place = place_in_table(key, n);
     if (work.keys[place] == key) return work.records + place;
@@ -286,8 +282,10 @@ __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, 
   if (!load_skin(job, triangle, vertex, back, &out->skin)) return Fate::kNothing;
   const float w[3] = {corner[0][3], corner[1][3], corner[2][3]};
   for (int k = 0; k < 3; ++k) {
-    out->start[k] = edge_at(p, k, at.x, at.y);
-    out->step[k] = -(double)kSubpixel * edge_of(p.x, p.y, k).dy;
+    const Edge edge = edge_of(p.x, p.y, k);
+    out->start[k] = (EdgeAlongRow)edge_value(edge, pixel_centre(at.x), pixel_centre(at.y));
+    out->step[k] = -(EdgeAlongRow)kSubpixel * edge.dy;
+    out->down[k] = (EdgeAlongRow)kSubpixel * edge.dx;
     out->w[k] = divisor(pick(w, p.order[k]));
   }
   out->area = divisor((double)p.area);
@@ -295,11 +293,23 @@ __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, 
   return Fate::kWhole;
 }
 
-// The weights of a run's pixel i.
-__device__ __forceinline__ void weigh(const Run& run, int i, float weight[3]) {
-  double e[3], b[3];
-  for (int k = 0; k < 3; ++k) e[k] = run.start[k] + run.step[k] * exact_double(i);
-  whole_barycentrics(run.area, run.w, (run.skin.bits & kAffine) != 0, e, b);
+// The weights of the pixel i to the right and j below the one that the run was set up from. i, j: not negative.
+__device__ __forceinline__ void weigh(const Run& run, int i, int j, float weight[3]) {
+  using Number = std::conditional_t<kFloatWeights, float, double>;
+  const bool affine = run.skin.bits & kAffine;
+  Number e[3], b[3];
+  for (int k = 0; k < 3; ++k) {
+    if constexpr (Rung::kWideEdges)
+      e[k] = (Number)(double)(run.start[k] + run.step[k] * i + run.down[k] * j);
+    else
+      e[k] = (Number)((run.start[k] + run.step[k] * exact_double(i)) + run.down[k] * exact_double(j));
+  }
+  if constexpr (kFloatWeights) {
+    const double w[3] = {run.w[0].value, run.w[1].value, run.w[2].value};
+    whole_float_barycentrics((float)run.area.value, w, affine, e, b);
+  } else {
+    whole_barycentrics(run.area, run.w, affine, e, b);
+  }
   for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
 }
 
@@ -323,28 +333,26 @@ __device__ __forceinline__ void load_group(const Shading& job, int64_t group, in
 }
 
 // The lane's pixels of the background, from place `at` on: into the group's part of the picture, and into what else is
-// wanted.
-__device__ __forceinline__ void put_background(const Shading& job, const Codes& codes, Place at, int64_t first,
-                                               int64_t pixels, Room* room) {
+// wanted. A picture has a sample a pixel here.
+__device__ __forceinline__ void put_background(const Shading& job, const Work& work, Place at, int64_t first,
+                                               int64_t pixels, uint32_t* image) {
   const int lane = lane_id();
   if (job.image) {
-    if (job.channels == 4) {
-      for (int j = 0; j < kEach; ++j) room->image[kEach * lane + j] = 0;
-    } else {
-      uint32_t color[kEach];
-      Place next = at;
-      for (int j = 0; j < kEach; ++j) {
-        if (j == 0 || next.x == 0) {
-          float linear[3];
-          background_at(job.surface, next.y, job.height, 3, linear);
-          color[j] = 0;
-          for (int c = 0; c < 3; ++c) color[j] |= (uint32_t)encode_srgb(linear[c], codes.encode) << (8 * c);
-        } else {
-          color[j] = color[j - 1];
-        }
-        if (++next.x == job.width) next.x = 0, next.y = next.y + 1 == job.height ? 0 : next.y + 1;
+    uint32_t color[kEach];
+    color[0] = __ldg(work.background + at.y);
+    Place next = at;
+    for (int j = 1; j < kEach; ++j) {
+      color[j] = color[j - 1];
+      if (++next.x == job.width) {
+        next.x = 0;
+        next.y = next.y + 1 == job.height ? 0 : next.y + 1;
+        color[j] = __ldg(work.background + next.y);
       }
-      uint32_t* to = room->image + 3 * lane;
+    }
+    if (job.channels == 4) {
+      for (int j = 0; j < kEach; ++j) image[kEach * lane + j] = color[j];
+    } else {
+      uint32_t* to = image + 3 * lane;
       to[0] = color[0] | color[1] << 24;
       to[1] = color[1] >> 8 | color[2] << 16;
       to[2] = color[2] >> 16 | color[3] << 8;
@@ -365,15 +373,15 @@ __device__ __forceinline__ void put_background(const Shading& job, const Codes& 
 }
 
 // A group's part of the picture goes to memory, with all lanes.
-__device__ __forceinline__ void store_image(const Shading& job, int64_t group, int64_t pixels, const Room& room) {
+__device__ __forceinline__ void store_image(const Shading& job, int64_t group, int64_t pixels, const uint32_t* image) {
   if (!job.image) return;
   uint8_t* to = job.image + group * kPixels * job.channels;
   if ((group + 1) * kPixels <= pixels && ((uintptr_t)job.image & 3) == 0) {
     for (int i = 0; i < job.channels; ++i)
-      reinterpret_cast<uint32_t*>(to)[i * kWarp + lane_id()] = room.image[i * kWarp + lane_id()];
+      reinterpret_cast<uint32_t*>(to)[i * kWarp + lane_id()] = image[i * kWarp + lane_id()];
   } else {
     const int bytes = (int)min_of<int64_t>(pixels - group * kPixels, kPixels) * job.channels;
-    for (int i = lane_id(); i < bytes; i += kWarp) to[i] = reinterpret_cast<const uint8_t*>(room.image)[i];
+    for (int i = lane_id(); i < bytes; i += kWarp) to[i] = reinterpret_cast<const uint8_t*>(image)[i];
   }
 }
 
@@ -413,86 +421,179 @@ __device__ __forceinline__ int2 find_runs(const Shading& job, const int32_t id[k
   return {all >> 16, all & 0xffff};
 }
 
-__global__ void __launch_bounds__(kThreads, 5)
-    shade_whole(const __grid_constant__ Shading job, const __grid_constant__ Tables tables,
-                const __grid_constant__ Work work) {
-  __shared__ Codes codes;
-  __shared__ Room rooms[kWarps];
-  Room* room = rooms + this_warp();
-  const int lane = lane_id();
-  fill_codes(tables, &codes);
+// A warp takes one group: the groups of a model lie side by side in the picture and take a hundred times as long as those
+// beside it, so that it is the device that has to share them out.
+__global__ void __launch_bounds__(kShadeThreads, 6)
+    shade_whole(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
+  __shared__ Room rooms[kShadeWarps];
   wait_for_previous();
-  __syncthreads();
-  const int of_view = job.height * job.width;
-  const int64_t pixels = job.views * of_view, groups = (pixels + kPixels - 1) / kPixels;
-  const int64_t stride = warps_of_grid() * kPixels, stride_views = stride / of_view;
-  const int stride_rest = (int)(stride - stride_views * of_view);
-  int64_t group = warp_in_grid(), view = group * kPixels / of_view;
-  int rest = (int)(group * kPixels - view * of_view);  // the group's first pixel within its view
-  int32_t next[kEach];
-  if (group < groups) load_group(job, group, pixels, next);
-  for (; group < groups; group += warps_of_grid()) {
-    int32_t id[kEach];
-    bool covered = false;
-    for (int j = 0; j < kEach; ++j) {
-      id[j] = next[j];
-      covered = covered || id[j] >= 0;
-    }
-    if (group + warps_of_grid() < groups) load_group(job, group + warps_of_grid(), pixels, next);
-    const Place mine = place_of(job, view, rest + kEach * lane);
-    put_background(job, codes, mine, group * kPixels + kEach * lane, pixels, room);
-    if (lane < kWords) room->clipped[lane] = room->drawn[lane] = 0;
-    if (__any_sync(kAllLanes, covered)) {
-      const int2 found = find_runs(job, id, mine.x, room);
-      __syncwarp();
-      for (int base = 0; base < found.x; base += kRuns) {
-        const int r = base + lane;
-        if (r < found.x) {
-          const int first = room->first[r], n = (r + 1 < found.x ? room->begin[r + 1] : found.y) - room->begin[r];
-          const int32_t triangle = room->triangle[r];
-          const Place at = place_of(job, view, rest + first);
-          const Fate fate = set_up_run(job, at, triangle, &room->run[lane]);
-          if (fate != Fate::kWhole) room->run[lane].skin.bits = kNotDrawn;
-          if (fate == Fate::kClip) {
-            list_clipped(work, key_of(at.view, triangle));
-            set_bits(room->clipped, first, n);
-          }
-          if (work.drawn && fate == Fate::kWhole) set_bits(room->drawn, first, n);
-        }
-        __syncwarp();
-        const int end = base + kRuns < found.x ? room->begin[base + kRuns] : found.y;
-        for (int c = room->begin[base] + lane; c < end; c += kWarp) {
-          const int k = room->run_of[c], i = c - room->begin[k];
-          const Run& run = room->run[k - base];
-          if (run.skin.bits & kNotDrawn) continue;
-          float weight[3], linear[3];
-          weigh(run, i, weight);
-          const int pixel = room->first[k] + i;
-          finish(job, work, codes, run.skin, weight, group * kPixels + pixel, linear);
-          if (job.image)
-            encode(codes, job.channels, linear, reinterpret_cast<uint8_t*>(room->image) + job.channels * pixel);
-        }
-        __syncwarp();
-      }
-    } else {
-      __syncwarp();
-    }
-    if (lane < kWords) {
-      work.clipped[group * kWords + lane] = room->clipped[lane];
-      if (work.drawn) work.drawn[group * kWords + lane] = room->drawn[lane];
-    }
-    store_image(job, group, pixels, *room);
-    __syncwarp();
-    view += stride_views;
-    rest += stride_rest;
-    if (rest >= of_view) rest -= of_view, ++view;
+  Room* room = rooms + this_warp();
+  const Codes& codes = *work.codes;
+  const int lane = lane_id(), of_view = job.height * job.width;
+  const int64_t pixels = job.views * of_view, group = warp_in_grid(), start = group * kPixels;
+  if (start >= pixels) return;
+  // 32 bits for all but the largest batches: a division of 64 takes a hundred instructions.
+  const int64_t view = pixels <= UINT32_MAX ? (uint32_t)start / (uint32_t)of_view : start / of_view;
+  const int rest = (int)(start - view * of_view);  // the group's first pixel within its view
+  int32_t id[kEach];
+  load_group(job, group, pixels, id);
+  bool covered = false, open = false;
+  for (int j = 0; j < kEach; ++j) {
+    covered = covered || id[j] >= 0;
+    open = open || id[j] < 0;
   }
+  const Place mine = place_of(job, view, rest + kEach * lane);
+  const bool any_covered = __any_sync(kAllLanes, covered);
+  if (__any_sync(kAllLanes, open)) put_background(job, work, mine, start + kEach * lane, pixels, room->image);
+  if (lane < kWords) room->clipped[lane] = room->drawn[lane] = 0;
+  if (any_covered) {
+    const int2 found = find_runs(job, id, mine.x, room);
+    __syncwarp();
+    for (int base = 0; base < found.x; base += kRuns) {
+      const int r = base + lane;
+      if (r < found.x) {
+        const int first = room->first[r], n = (r + 1 < found.x ? room->begin[r + 1] : found.y) - room->begin[r];
+        const int32_t triangle = room->triangle[r];
+        const Place at = place_of(job, view, rest + first);
+        const Fate fate = set_up_run(job, at, triangle, &room->run[lane]);
+        if (fate != Fate::kWhole) room->run[lane].skin.bits = kNotDrawn;
+        if (fate == Fate::kClip) {
+          list_clipped(work, key_of(at.view, triangle));
+          set_bits(room->clipped, first, n);
+        }
+        if (work.drawn && fate == Fate::kWhole) set_bits(room->drawn, first, n);
+      }
+      __syncwarp();
+      const int end = base + kRuns < found.x ? room->begin[base + kRuns] : found.y;
+      for (int c = room->begin[base] + lane; c < end; c += kWarp) {
+        const int k = room->run_of[c], i = c - room->begin[k];
+        const Run& run = room->run[k - base];
+        if (run.skin.bits & kNotDrawn) continue;
+        float weight[3], linear[3];
+        weigh(run, i, 0, weight);
+        const int pixel = room->first[k] + i;
+        finish(job, work, codes, run.skin, weight, start + pixel, linear);
+        if (job.image)
+          encode(codes, job.channels, linear, reinterpret_cast<uint8_t*>(room->image) + job.channels * pixel);
+      }
+      __syncwarp();
+    }
+  } else {
+    __syncwarp();
+  }
+  if (lane < kWords) {
+    work.clipped[group * kWords + lane] = room->clipped[lane];
+    if (work.drawn) work.drawn[group * kWords + lane] = room->drawn[lane];
+  }
+  store_image(job, group, pixels, room->image);
+}
+
+// --- The same, of triangles that are set up before the frame
+
+// Empties the table of clipped triangles, and makes what the frame looks up: a thread an item of each. Sets up every
+// triangle of every view from pixel (0, 0) on, where they are set up before they are met.
+__global__ void __launch_bounds__(kShadeThreads)
+    begin_frame(const __grid_constant__ Shading job, const __grid_constant__ Thresholds thresholds,
+                const __grid_constant__ Work work) {
+  __shared__ float shared[255];
+  for (int k = threadIdx.x; k < 255; k += kShadeThreads) shared[k] = thresholds.value[k];
+  __syncthreads();
+  const int64_t item = (int64_t)blockIdx.x * kShadeThreads + threadIdx.x;
+  if (work.runs && item < job.views * job.count) {
+    const int64_t view = item / job.count;
+    Run run;
+    const Fate fate = set_up_run(job, {view, 0, 0}, (int32_t)(item - view * job.count), &run);
+    if (fate != Fate::kWhole) run.skin.bits = fate == Fate::kClip ? kNotDrawn | kIsClipped : kNotDrawn;
+    work.runs[item] = run;
+  }
+  const int n = job.samples, i = (int)min_of<int64_t>(item, INT32_MAX);
+  Codes* codes = work.codes;
+  if (i <= kListed) work.keys[i] = kFree;
+  if (i < 256) {
+    codes->encode.thresholds[i] = i < 255 ? shared[i] : kNotANumber;
+    codes->decoded[i] = decode_srgb(257 * i);
+  }
+  if (i <= kSrgbSteps) codes->encode.start[i] = encode_srgb((float)i / kSrgbSteps, shared);
+  if (i >= job.height / n) return;
+  float total[3] = {0.0f, 0.0f, 0.0f};
+  for (int y = 0; y < n; ++y) {
+    float one[3];
+    background_at(job.surface, i * n + y, job.height, job.channels, one);
+    for (int x = 0; x < n; ++x)
+      for (int c = 0; c < 3; ++c) total[c] = total[c] + one[c];
+  }
+  uint8_t pixel[4] = {0, 0, 0, 0};
+  store_mean(total, 0, n * n, job.channels, (const float*)shared, pixel);
+  work.background[i] = pixel[0] | pixel[1] << 8 | pixel[2] << 16 | (uint32_t)pixel[3] << 24;
+}
+
+// Shared memory of a warp.
+struct SmallRoom {
+  uint32_t image[kPixels];    // the group's part of the picture
+  int32_t triangle[kPixels];  // of each pixel; -1: background
+};
+
+// A warp takes one group, as in shade_whole.
+__global__ void __launch_bounds__(kShadeThreads)
+    shade_prepared(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
+  __shared__ SmallRoom rooms[kShadeWarps];
+  wait_for_previous();
+  SmallRoom* room = rooms + this_warp();
+  const Codes& codes = *work.codes;
+  const int lane = lane_id(), of_view = job.height * job.width;
+  const int64_t pixels = job.views * of_view, group = warp_in_grid(), start = group * kPixels;
+  if (start >= pixels) return;
+  const int64_t view = pixels <= UINT32_MAX ? (uint32_t)start / (uint32_t)of_view : start / of_view;
+  const int rest = (int)(start - view * of_view);
+  int32_t id[kEach];
+  load_group(job, group, pixels, id);
+  bool covered = false, open = false;
+  for (int j = 0; j < kEach; ++j) {
+    covered = covered || id[j] >= 0;
+    open = open || id[j] < 0;
+    room->triangle[kEach * lane + j] = id[j];
+  }
+  const bool any_covered = __any_sync(kAllLanes, covered);
+  if (__any_sync(kAllLanes, open))
+    put_background(job, work, place_of(job, view, rest + kEach * lane), start + kEach * lane, pixels, room->image);
+  __syncwarp();
+  if (!any_covered && lane < kWords) {
+    work.clipped[group * kWords + lane] = 0;
+    if (work.drawn) work.drawn[group * kWords + lane] = 0;
+  }
+  for (int j = 0; any_covered && j < kWords; ++j) {
+    const int pixel = j * kWarp + lane;
+    const int32_t triangle = room->triangle[pixel];
+    uint32_t bits = kNotDrawn;
+    if (triangle >= 0) {
+      const Place at = place_of(job, view, rest + pixel);
+      const Run& run = work.runs[at.view * job.count + triangle];
+      bits = run.skin.bits;
+      if (!(bits & kNotDrawn)) {
+        float weight[3], linear[3];
+        weigh(run, at.x, at.y, weight);
+        finish(job, work, codes, run.skin, weight, start + pixel, linear);
+        if (job.image)
+          encode(codes, job.channels, linear, reinterpret_cast<uint8_t*>(room->image) + job.channels * pixel);
+      } else if (bits & kIsClipped) {
+        list_clipped(work, key_of(at.view, triangle));
+      }
+    }
+    const unsigned clipped = __ballot_sync(kAllLanes, bits & kIsClipped),
+                   drawn = __ballot_sync(kAllLanes, !(bits & kNotDrawn));
+    if (lane == 0) {
+      work.clipped[group * kWords + j] = clipped;
+      if (work.drawn) work.drawn[group * kWords + j] = drawn;
+    }
+  }
+  __syncwarp();
+  store_image(job, group, pixels, room->image);
 }
 
 // --- Triangles that are clipped
 
 // Clips a triangle, whose indices name vertices, with all lanes.
-__device__ __forceinline__ void clip(const Frame& f, int32_t triangle, ClipScratch* scratch, Clipped* out) {
+__device__ __forceinline__ void clip(const Frame& f, int32_t triangle, ClipScratch* scratch, ClippedFan* out) {
   int32_t index[3];
   float v[3][4];
   load_indices(f, triangle, index);
@@ -504,18 +605,19 @@ __device__ __forceinline__ void clip(const Frame& f, int32_t triangle, ClipScrat
   if (lane + 2 < n) {
     const int apex = fan_apex(scratch->projected, scratch->polygon, n);
     made = fan_primitive(scratch->projected, apex, n, lane, f.view, &p);
-    if (made) set_fan_weights(scratch->polygon, apex, n, lane, 0, &parent);
+    if (made) {
+      set_fan_places(scratch->polygon, apex, n, lane, f.view, p.order, &p);
+      set_fan_weights(scratch->polygon, apex, n, lane, 0, &parent);
+    }
   }
   const unsigned all = __ballot_sync(kAllLanes, made);
   if (made) {
-    Clipped::Sub& sub = out->sub[__popc(all & lanes_below())];
+    ClippedFan::Sub& sub = out->sub[__popc(all & lanes_below())];
+    sub.primitive = p;
     for (int k = 0; k < 3; ++k) {
-      sub.x[k] = p.x[k];
-      sub.y[k] = p.y[k];
       sub.w[k] = parent.w[0][k];
       for (int m = 0; m < 3; ++m) sub.weights[k][m] = parent.weights[0][k][m];
     }
-    sub.area = p.area;
   }
   if (lane == 0) {
     out->count = __popc(all);
@@ -525,9 +627,9 @@ __device__ __forceinline__ void clip(const Frame& f, int32_t triangle, ClipScrat
 }
 
 // The triangles of the table, a warp for each of its places.
-__global__ void __launch_bounds__(kThreads)
+__global__ void __launch_bounds__(kShadeThreads)
     clip_listed(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
-  __shared__ ClipScratch scratch[kWarps];
+  __shared__ ClipScratch scratch[kShadeWarps];
   wait_for_previous();
   for (int64_t place = warp_in_grid(); place < kListed; place += warps_of_grid()) {
     const uint64_t key = work.keys[place];
@@ -538,37 +640,42 @@ __global__ void __launch_bounds__(kThreads)
 }
 
 // By the first record that covers pixel (x, y); 0 where none does.
-__device__ __forceinline__ void weigh_clipped(const Clipped& clipped, int x, int y, float weight[3]) {
+__device__ __forceinline__ void weigh_clipped(const ClippedFan& clipped, int x, int y, float weight[3]) {
   for (int k = 0; k < 3; ++k) weight[k] = 0.0f;
   for (int s = 0; s < clipped.count; ++s) {
-    const Clipped::Sub& sub = clipped.sub[s];
+    const ClippedFan::Sub& sub = clipped.sub[s];
+    if (!covers(sub.primitive, x, y)) continue;
     ParentOf<1> parent;
-    Primitive& p = parent.primitive[0];
-    for (int k = 0; k < 3; ++k) {
-      p.x[k] = sub.x[k];
-      p.y[k] = sub.y[k];
-    }
-    if (!covers(p, x, y)) continue;
     parent.clipped = true;
     parent.affine = false;
-    p.area = sub.area;
-    double e[3], b[3];
+    parent.primitive[0].area = sub.primitive.area;
+    using Number = std::conditional_t<kFloatWeights, float, double>;
+    Number e[3], b[3];
     for (int k = 0; k < 3; ++k) {
       parent.w[0][k] = sub.w[k];
       for (int m = 0; m < 3; ++m) parent.weights[0][k][m] = sub.weights[k][m];
-      e[k] = edge_at(p, k, x, y);
+      e[k] = (Number)edge_at(sub.primitive, k, x, y);
     }
-    barycentrics(parent, 0, e, b);
+    if constexpr (kFloatWeights)
+      float_barycentrics(parent, 0, e, b);
+    else
+      barycentrics(parent, 0, e, b);
     for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
     return;
   }
 }
 
-// Finishes a pixel of a clipped triangle. False if nothing is left of the triangle.
-__device__ __forceinline__ bool finish_clipped(const Shading& job, const Work& work, const Codes& codes,
-                                               const Clipped& clipped, const Place& at, int32_t triangle, int64_t i) {
-  if (clipped.count == 0) return false;
-  const Frame f = frame_of(job, at.view);
+// A clipped triangle that a warp has at hand. In shared memory.
+struct HeldClipped {
+  Skin skin;
+  bool drawn;
+};
+
+// Makes ready what all pixels of a clipped triangle have in common, with one lane.
+__device__ __forceinline__ void hold_clipped(const Shading& job, const ClippedFan& clipped, uint64_t key,
+                                             HeldClipped* out) {
+  const Frame f = frame_of(job, (int64_t)(key >> 32));
+  const int32_t triangle = (int32_t)(key & 0xffffffff);
   int32_t index[3], vertex[3];
   load_indices(f, triangle, index);
   bool back = false;
@@ -578,32 +685,25 @@ __device__ __forceinline__ bool finish_clipped(const Shading& job, const Work& w
     back = is_back(corner[0], corner[1], corner[2]);
   }
   for (int k = 0; k < 3; ++k) vertex[k] = pick(index, (clipped.first + k) % 3);
-  Skin skin;
-  if (!load_skin(job, triangle, vertex, back, &skin)) return false;
-  float weight[3], linear[3];
-  weigh_clipped(clipped, at.x, at.y, weight);
-  finish(job, work, codes, skin, weight, i, linear);
-  if (job.image) encode(codes, job.channels, linear, job.image + job.channels * i);
-  return true;
+  out->drawn = load_skin(job, triangle, vertex, back, &out->skin) && clipped.count > 0;
 }
 
-__global__ void __launch_bounds__(kThreads)
-    shade_clipped(const __grid_constant__ Shading job, const __grid_constant__ Tables tables,
-                  const __grid_constant__ Work work) {
-  __shared__ Codes codes;
-  __shared__ ClipScratch scratch[kWarps];
-  __shared__ Clipped own[kWarps];  // what found no place in the table
+__global__ void __launch_bounds__(kShadeThreads, 4)
+    shade_clipped(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
+  __shared__ ClipScratch scratch[kShadeWarps];
+  __shared__ ClippedFan own[kShadeWarps];  // what found no place in the table
+  __shared__ HeldClipped held_by_warp[kShadeWarps];
   wait_for_previous();
   if (*work.any == kFree) return;
-  fill_codes(tables, &codes);
-  __syncthreads();
+  const Codes& codes = *work.codes;
+  HeldClipped* hold = held_by_warp + this_warp();
   const int lane = lane_id();
   const int64_t of_view = (int64_t)job.height * job.width, pixels = job.views * of_view;
   const int64_t words = (pixels + kWarp - 1) / kWarp;
+  const ClippedFan* held = nullptr;
+  uint64_t held_key = kFree;
   for (int64_t base = warp_in_grid() * kWordsAtOnce; base < words; base += warps_of_grid() * kWordsAtOnce) {
     const uint32_t loaded = lane < kWordsAtOnce && base + lane < words ? work.clipped[base + lane] : 0;
-    const Clipped* held = nullptr;
-    uint64_t held_key = kFree;
     for (unsigned left = __ballot_sync(kAllLanes, loaded != 0); left; left &= left - 1) {
       const int k = __ffs(left) - 1;
       const uint32_t bits = __shfl_sync(kAllLanes, loaded, k);
@@ -618,14 +718,22 @@ __global__ void __launch_bounds__(kThreads)
         if (next != held_key) {
           held = find_clipped(work, next);
           held_key = next;
+          __syncwarp();
           if (!held) {
-            __syncwarp();
             clip(frame_of(job, (int64_t)(next >> 32)), (int32_t)(next & 0xffffffff), scratch + this_warp(),
                  own + this_warp());
             held = own + this_warp();
           }
+          if (lane == 0) hold_clipped(job, *held, next, hold);
+          __syncwarp();
         }
-        if (key == next) drawn = finish_clipped(job, work, codes, *held, at, triangle, i);
+        if (key == next && hold->drawn) {
+          float weight[3], linear[3];
+          weigh_clipped(*held, at.x, at.y, weight);
+          finish(job, work, codes, hold->skin, weight, i, linear);
+          if (job.image) encode(codes, job.channels, linear, job.image + job.channels * i);
+          drawn = true;
+        }
         waiting &= ~__ballot_sync(kAllLanes, key == next);
       }
       const unsigned all = __ballot_sync(kAllLanes, drawn);
@@ -637,16 +745,14 @@ __global__ void __launch_bounds__(kThreads)
 // --- Several samples a pixel
 
 // The samples' mean, a thread a pixel.
-__global__ void __launch_bounds__(kThreads)
-    add_samples(const __grid_constant__ Shading job, const __grid_constant__ Tables tables,
-                const float* __restrict__ linear, const uint32_t* __restrict__ drawn) {
-  __shared__ Codes codes;
-  fill_codes(tables, &codes);
+__global__ void __launch_bounds__(kShadeThreads)
+    add_samples(const __grid_constant__ Shading job, const Codes* __restrict__ codes, const float* __restrict__ linear,
+                const uint32_t* __restrict__ drawn) {
   wait_for_previous();
-  __syncthreads();
   const int n = job.samples, width = job.width / n, height = job.height / n;
   const int64_t pixels = job.views * height * width;
-  for (int64_t i = (int64_t)blockIdx.x * kThreads + threadIdx.x; i < pixels; i += (int64_t)gridDim.x * kThreads) {
+  for (int64_t i = (int64_t)blockIdx.x * kShadeThreads + threadIdx.x; i < pixels;
+       i += (int64_t)gridDim.x * kShadeThreads) {
     const int64_t row = i / width, column = i - row * width;
     float total[3] = {0.0f, 0.0f, 0.0f};
     int covered = 0;
@@ -656,7 +762,7 @@ __global__ void __launch_bounds__(kThreads)
         for (int c = 0; c < 3; ++c) total[c] = total[c] + linear[3 * sample + c];
         covered += drawn[sample / kWarp] >> (sample % kWarp) & 1;
       }
-    store_mean(total, covered, n * n, job.channels, codes.encode, job.image + job.channels * i);
+    store_mean(total, covered, n * n, job.channels, codes->encode, job.image + job.channels * i);
   }
 }
 
@@ -671,13 +777,23 @@ struct Layout {
   Texture* textures;
 };
 
+// Whether every triangle is set up once, whether it is seen or not: where there are many pixels for each, on average. Else
+// the warps set up what they meet.
+constexpr int64_t kPixelsToPrepare = 24;
+bool prepares(const Shading& job) {
+  return job.views * job.count * kPixelsToPrepare <= job.views * job.height * job.width;
+}
+
 Layout lay_out(const Shading& job, Scratch* scratch) {
   Layout out = {};
   const int64_t pixels = job.views * job.height * job.width, words = (pixels + kPixels - 1) / kPixels * kWords;
   out.work.keys = scratch->take<uint64_t>(kListed + 1);
   out.work.any = out.work.keys + kListed;
-  out.work.records = scratch->take<Clipped>(kListed);
+  out.work.codes = scratch->take<Codes>(1);
+  out.work.background = scratch->take<uint32_t>(job.height / job.samples);
+  out.work.records = scratch->take<ClippedFan>(kListed);
   out.work.clipped = scratch->take<uint32_t>(words);
+  if (prepares(job)) out.work.runs = scratch->take<Run>(job.views * job.count);
   if (job.samples > 1) out.work.drawn = scratch->take<uint32_t>(words);
   if (job.samples > 1 && !job.linear) out.linear = scratch->take<float>(3 * pixels);
   if (job.surface.texture_count > kTextures) out.textures = scratch->take<Texture>(job.surface.texture_count);
@@ -687,7 +803,7 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
 // Blocks that hold the device at once, for so many warps of work.
 template <class Kernel>
 cudaError_t blocks_of(Kernel kernel, int64_t warps, int* blocks) {
-  return blocks_for(kernel, kThreads, 0, (warps + kWarps - 1) / kWarps, 0, blocks);
+  return blocks_for(kernel, kShadeThreads, 0, (warps + kShadeWarps - 1) / kShadeWarps, 0, blocks);
 }
 
 }  // namespace
@@ -707,7 +823,12 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
     for (int i = 0; i < count; ++i) some.texture[i] = job.surface.textures[first + i];
     BIGTRI_CUDA(launch_first(put_textures, 1, kTexturesAtOnce, 0, stream, some, at.textures + first, count));
   }
-  return cudaMemsetAsync(at.work.keys, 0xff, (kListed + 1) * sizeof(uint64_t), stream);
+  Thresholds thresholds;
+  for (int i = 0; i < 255; ++i) thresholds.value[i] = job.thresholds[i];
+  const int64_t rows = job.height / job.samples, triangles = at.work.runs ? job.views * job.count : 0;
+  const int64_t items = max_of(max_of<int64_t>(kSrgbSteps + 1, rows), triangles);
+  return launch_first(begin_frame, (items + kShadeThreads - 1) / kShadeThreads, kShadeThreads, 0, stream, job,
+                      thresholds, at.work);
 }
 
 cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
@@ -716,9 +837,6 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
   at.work.many = at.textures;
   if (!at.textures)
     for (int i = 0; i < given.surface.texture_count; ++i) at.work.few[i] = given.surface.textures[i];
-  Tables tables;
-  for (int i = 0; i < 255; ++i) tables.thresholds[i] = given.thresholds[i];
-  for (int i = 0; i < 256; ++i) tables.decoded[i] = decode_srgb(257 * i);
   Shading job = given;
   const bool several = job.samples > 1;
   if (several) {
@@ -726,20 +844,20 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
     if (!job.linear) job.linear = at.linear;
   }
   const int64_t pixels = job.views * job.height * job.width, words = (pixels + kWarp - 1) / kWarp;
+  const int64_t groups = (pixels + kPixels - 1) / kPixels;
+  const auto kernel = at.work.runs ? shade_prepared : shade_whole;
+  BIGTRI_CUDA(launch_next(kernel, (unsigned)((groups + kShadeWarps - 1) / kShadeWarps), kShadeThreads, 0, stream, job,
+                          at.work));
   int blocks;
-  BIGTRI_CUDA(blocks_of(shade_whole, (pixels + kPixels - 1) / kPixels, &blocks));
-  if (job.next)
-    BIGTRI_CUDA(launch_next(shade_whole, blocks, kThreads, 0, stream, job, tables, at.work));
-  else
-    BIGTRI_CUDA(launch_first(shade_whole, blocks, kThreads, 0, stream, job, tables, at.work));
-  BIGTRI_CUDA(launch_next(clip_listed, kListed / kWarps, kThreads, 0, stream, job, at.work));
+  BIGTRI_CUDA(launch_next(clip_listed, kListed / kShadeWarps, kShadeThreads, 0, stream, job, at.work));
   BIGTRI_CUDA(blocks_of(shade_clipped, (words + kWordsAtOnce - 1) / kWordsAtOnce, &blocks));
-  BIGTRI_CUDA(launch_next(shade_clipped, blocks, kThreads, 0, stream, job, tables, at.work));
+  BIGTRI_CUDA(launch_next(shade_clipped, blocks, kShadeThreads, 0, stream, job, at.work));
   if (!several) return cudaSuccess;
   const float* linear = job.linear;
   job.image = given.image;
   BIGTRI_CUDA(blocks_of(add_samples, (pixels / (job.samples * job.samples) + kWarp - 1) / kWarp, &blocks));
-  return launch_next(add_samples, blocks, kThreads, 0, stream, job, tables, linear, (const uint32_t*)at.work.drawn);
+  return launch_next(add_samples, blocks, kShadeThreads, 0, stream, job, (const Codes*)at.work.codes, linear,
+                     (const uint32_t*)at.work.drawn);
 }
 
 }  // namespace BIGTRI_NAMESPACE

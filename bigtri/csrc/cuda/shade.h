@@ -21,7 +21,6 @@ struct Shading {
   int height, width;  // of the visibility buffer, px; multiples of samples
   int samples;  // of a pixel of the picture along each axis
   int channels;  // of the picture: 3, or 4 with alpha
-  bool next;  // whether the kernels of the same frame that drew the buffer come right before
 };
 
 }  // namespace bigtri

@@ -153,6 +153,8 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
     block -= range.first_block;
     blocks = ((uint32_t)all + (uint32_t)s.each - 1) / (uint32_t)s.each;
     if (block >= blocks) return share;
+  } else if (blocks == 0) {
+    return share;
   } else if (f.views > 1) {
     share.view = (int32_t)(block / blocks);
     block -= (uint32_t)share.view * blocks;

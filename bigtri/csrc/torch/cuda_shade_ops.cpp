@@ -115,7 +115,6 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
   const Tensor drawing = scratch_of(variant.scratch_bytes(frame, values.data()), device);
   shading.job.packed = frame.packed;
-  shading.job.next = true;
   const Tensor scratch = scratch_of(rung.shading_scratch(shading.job), device);
   check_launch(op, rung.begin_shading(shading.job, scratch.mutable_data_ptr(), stream));
   check_launch(op, variant.draw(frame, values.data(), drawing.mutable_data_ptr(), stream));

@@ -1,0 +1,2 @@
+// determinism.cu for threads of a CPU.
+#include "determinism.cu"
