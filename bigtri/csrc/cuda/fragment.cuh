@@ -91,7 +91,7 @@ __device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_
   Meeting m;
   m.constant = 0;
   bool meets = true, full = true;
-  double g[3];
+  DepthNumber g[3];
 #pragma unroll
   for (int k = 0; k < 3; ++k) {
     const Edge edge = edge_of(r.x, r.y, k);
@@ -104,9 +104,9 @@ __device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_
     const bool inside = lowest_of(f, sx, sy, kBin - 1) >= 0;
     m.constant |= inside ? 1u << k : 0;
     m.f[k] = inside ? 0 : (int32_t)f;
-    g[k] = (double)value;
+    g[k] = (DepthNumber)value;
   }
-  m.zcell = weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], r.area);
+  m.zcell = weighted_depth<DepthNumber, DepthNumber, DepthNumber>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], r.area);
   const CellPlane plane = {m.zcell, r.dzdx, r.dzdy};
   const double nearest = corner_plane(plane, left, top, columns - 1, rows - 1, false),
                farthest = corner_plane(plane, left, top, columns - 1, rows - 1, true);
