@@ -152,10 +152,11 @@ def _image(linear: NDArray[np.float32], covered: NDArray[np.bool_], samples: int
     """In sRGB, the mean of every samples x samples square, added up row by row; if transparent, of what is covered."""
     total = np.zeros_like(linear[::samples, ::samples])
     count = np.zeros(total.shape[:2], np.int64)
-    for row in range(samples):
-        for column in range(samples):
-            total = total + linear[row::samples, column::samples]
-            count += covered[row::samples, column::samples]
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 are infinities, as of lambert
+        for row in range(samples):
+            for column in range(samples):
+                total = total + linear[row::samples, column::samples]
+                count += covered[row::samples, column::samples]
     every = samples * samples
     if not transparent:
         return encode_srgb(total / np.float32(every))

@@ -69,16 +69,16 @@ BIGTRI_HD double inner_part(double u, double turn) {
 // v / sum, or 0 where there is none: all vertices are seen on one line with the pixel's centre.
 BIGTRI_HD double share_of(double v, double sum) { return sum == 0 ? 0.0 : v / sum; }
 
-// The same as barycentrics, of the parent's vertices as they were given. right, up: the pixel's centre in normalized
-// device coordinates. Seen from there, a point (x, y, w) of the triangle is the pixel's where both a and c are 0.
-template <int kRecords, class D>
-BIGTRI_HD void unsnapped_barycentrics(const ParentOf<kRecords>& parent, int record, const D& right, double up, D b[3]) {
+// The same as barycentrics, of a triangle's vertices v as they were given, in the order of the weights. right, up: the
+// pixel's centre in normalized device coordinates. Seen from there, a point (x, y, w) of the triangle is the pixel's where
+// both a and c are 0.
+template <class D>
+BIGTRI_HD void unsnapped_weights(const float v[3][4], const D& right, double up, D b[3]) {
   D a[3];
   double c[3];
   for (int k = 0; k < 3; ++k) {
-    const float* v = parent.given[corner_of(parent, record, k)];
-    a[k] = (double)v[0] - right * (double)v[3];
-    c[k] = (double)v[1] - up * (double)v[3];
+    a[k] = (double)v[k][0] - right * (double)v[k][3];
+    c[k] = (double)v[k][1] - up * (double)v[k][3];
   }
   const D u0 = a[1] * c[2] - a[2] * c[1], u1 = a[2] * c[0] - a[0] * c[2], u2 = a[0] * c[1] - a[1] * c[0];
   const D turn = (u0 + u1) + u2;
@@ -87,6 +87,13 @@ BIGTRI_HD void unsnapped_barycentrics(const ParentOf<kRecords>& parent, int reco
   b[0] = share_of(v0, sum);
   b[1] = share_of(v1, sum);
   b[2] = share_of(v2, sum);
+}
+template <int kRecords, class D>
+BIGTRI_HD void unsnapped_barycentrics(const ParentOf<kRecords>& parent, int record, const D& right, double up, D b[3]) {
+  float v[3][4];
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < 4; ++i) v[k][i] = parent.given[corner_of(parent, record, k)][i];
+  unsnapped_weights(v, right, up, b);
 }
 
 // Normalized device coordinates of the centre of column x, or of row y counted from below, of so many. place: x, or

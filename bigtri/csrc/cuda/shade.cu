@@ -61,14 +61,14 @@ struct Skin {
 using EdgeAlongRow = std::conditional_t<Rung::kWideEdges, int64_t, double>;
 
 // Pixels of a row of one triangle that is not clipped. e_k at the run's pixel i is start[k] + step[k] * i.
-struct alignas(16) Run {
+struct alignas(16) Run : Corners {  // in the order of the weights
   EdgeAlongRow start[3], step[3], down[3];
   Divisor area, w[3];
   Skin skin;
 };
 
 // A triangle that has been clipped: its records, in fan order.
-struct ClippedFan {
+struct ClippedFan : Corners {  // in the order of the slots
   struct Sub {
     Primitive primitive;
     double w[3], weights[3][3];
@@ -264,6 +264,13 @@ struct Room {
   uint32_t drawn[kWords];
 };
 
+// Keeps a triangle's vertices as they were given, in an order, where the rung's attributes need them.
+__device__ __forceinline__ void set_given(const float v[3][4], const int32_t order[3], CornersOf<true>* out) {
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < 4; ++i) out->given[k][i] = v[order[k]][i];
+}
+__device__ __forceinline__ void set_given(const float[3][4], const int32_t[3], CornersOf<false>*) {}
+
 // Sets up a run from pixel (x, y) on. kWhole if and only if it is to be drawn.
 __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, int32_t triangle, Run* out) {
   const Frame f = frame_of(job, at.view);
@@ -289,22 +296,36 @@ __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, 
     out->w[k] = divisor(pick(w, p.order[k]));
   }
   out->area = divisor((double)p.area);
+  set_given(corner, p.order, out);
   if (w[0] == w[1] && w[1] == w[2]) out->skin.bits |= kAffine;
   return Fate::kWhole;
 }
 
-// The weights of the pixel i to the right and j below the one that the run was set up from. i, j: not negative.
-__device__ __forceinline__ void weigh(const Run& run, int i, int j, float weight[3]) {
+// By the vertices as they were given, where that is the rung's rule: the weights of a view's pixel (x, y).
+__device__ __forceinline__ void weigh_unsnapped(const Shading& job, const CornersOf<true>& corners, int x, int y,
+                                                double b[3]) {
+  unsnapped_weights(corners.given, device_coordinate((double)x, job.width),
+                    device_coordinate((double)(job.height - 1 - y), job.height), b);
+}
+template <class D>
+__device__ __forceinline__ void weigh_unsnapped(const Shading&, const CornersOf<false>&, int, int, D[3]) {}
+
+// The weights of pixel `at`, which lies i to the right and j below the one that the run was set up from. i, j: not
+// negative.
+__device__ __forceinline__ void weigh(const Shading& job, const Run& run, int i, int j, const Place& at,
+                                      float weight[3]) {
   using Number = std::conditional_t<kFloatWeights, float, double>;
   const bool affine = run.skin.bits & kAffine;
   Number e[3], b[3];
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3 && !kUnsnappedWeights; ++k) {
     if constexpr (Rung::kWideEdges)
       e[k] = (Number)(double)(run.start[k] + run.step[k] * i + run.down[k] * j);
     else
       e[k] = (Number)((run.start[k] + run.step[k] * exact_double(i)) + run.down[k] * exact_double(j));
   }
-  if constexpr (kFloatWeights) {
+  if constexpr (kUnsnappedWeights) {
+    weigh_unsnapped(job, run, at.x, at.y, b);
+  } else if constexpr (kFloatWeights) {
     const double w[3] = {run.w[0].value, run.w[1].value, run.w[2].value};
     whole_float_barycentrics((float)run.area.value, w, affine, e, b);
   } else {
@@ -470,8 +491,8 @@ __global__ void __launch_bounds__(kShadeThreads, 6)
         const Run& run = room->run[k - base];
         if (run.skin.bits & kNotDrawn) continue;
         float weight[3], linear[3];
-        weigh(run, i, 0, weight);
         const int pixel = room->first[k] + i;
+        weigh(job, run, i, 0, kUnsnappedWeights ? place_of(job, view, rest + pixel) : Place{}, weight);
         finish(job, work, codes, run.skin, weight, start + pixel, linear);
         if (job.image)
           encode(codes, job.channels, linear, reinterpret_cast<uint8_t*>(room->image) + job.channels * pixel);
@@ -571,7 +592,7 @@ __global__ void __launch_bounds__(kShadeThreads)
       bits = run.skin.bits;
       if (!(bits & kNotDrawn)) {
         float weight[3], linear[3];
-        weigh(run, at.x, at.y, weight);
+        weigh(job, run, at.x, at.y, at, weight);
         finish(job, work, codes, run.skin, weight, start + pixel, linear);
         if (job.image)
           encode(codes, job.channels, linear, reinterpret_cast<uint8_t*>(room->image) + job.channels * pixel);
@@ -622,6 +643,8 @@ __device__ __forceinline__ void clip(const Frame& f, int32_t triangle, ClipScrat
   if (lane == 0) {
     out->count = __popc(all);
     out->first = first_slot(v);
+    const int32_t slots[3] = {out->first, (out->first + 1) % 3, (out->first + 2) % 3};
+    set_given(v, slots, out);
   }
   __syncwarp();
 }
@@ -640,7 +663,8 @@ __global__ void __launch_bounds__(kShadeThreads)
 }
 
 // By the first record that covers pixel (x, y); 0 where none does.
-__device__ __forceinline__ void weigh_clipped(const ClippedFan& clipped, int x, int y, float weight[3]) {
+__device__ __forceinline__ void weigh_clipped(const Shading& job, const ClippedFan& clipped, int x, int y,
+                                              float weight[3]) {
   for (int k = 0; k < 3; ++k) weight[k] = 0.0f;
   for (int s = 0; s < clipped.count; ++s) {
     const ClippedFan::Sub& sub = clipped.sub[s];
@@ -656,7 +680,9 @@ __device__ __forceinline__ void weigh_clipped(const ClippedFan& clipped, int x, 
       for (int m = 0; m < 3; ++m) parent.weights[0][k][m] = sub.weights[k][m];
       e[k] = (Number)edge_at(sub.primitive, k, x, y);
     }
-    if constexpr (kFloatWeights)
+    if constexpr (kUnsnappedWeights)
+      weigh_unsnapped(job, clipped, x, y, b);
+    else if constexpr (kFloatWeights)
       float_barycentrics(parent, 0, e, b);
     else
       barycentrics(parent, 0, e, b);
@@ -729,7 +755,7 @@ __global__ void __launch_bounds__(kShadeThreads, 4)
         }
         if (key == next && hold->drawn) {
           float weight[3], linear[3];
-          weigh_clipped(*held, at.x, at.y, weight);
+          weigh_clipped(job, *held, at.x, at.y, weight);
           finish(job, work, codes, hold->skin, weight, i, linear);
           if (job.image) encode(codes, job.channels, linear, job.image + job.channels * i);
           drawn = true;
