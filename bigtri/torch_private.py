@@ -100,3 +100,13 @@ def _is_plain(value: object) -> bool:
 # negates, no zeros that lie nowhere, nothing inside torch.vmap, torch.func or functionalization. One question to torch instead
 # of six. Without one of the names no tensor is known to be plain, and all six are asked.
 is_plain = _is_plain if _dispatch_keys and _PLAIN_KEYS else _never
+
+
+def keep_the_device_busy(cycles: int) -> None:
+    """Let CUDA's current stream wait that long, so that a clock sees the device's time alone and not the host's.
+
+    Without the name nothing waits, and short calls are timed with the host's time in them.
+    """
+    wait = getattr(torch.cuda, "_sleep", None)
+    if wait is not None:
+        wait(cycles)

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from .. import native
+from ..torch_private import keep_the_device_busy
 
 
 class Timing(NamedTuple):
@@ -108,7 +109,7 @@ def captured(call: Callable[[], object], count: int, pool: Any = None) -> torch.
 def _device_ms(call: Callable[[], object]) -> float:
     """Milliseconds of the device for a call that only enqueues, however long the host takes for it."""
     start, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
-    torch.cuda._sleep(_WAIT_CYCLES)
+    keep_the_device_busy(_WAIT_CYCLES)
     start.record()
     call()
     end.record()
