@@ -265,11 +265,12 @@ struct Room {
 };
 
 // Keeps a triangle's vertices as they were given, in an order, where the rung's attributes need them.
-__device__ __forceinline__ void set_given(const float v[3][4], const int32_t order[3], CornersOf<true>* out) {
-  for (int k = 0; k < 3; ++k)
-    for (int i = 0; i < 4; ++i) out->given[k][i] = v[order[k]][i];
+template <bool kHas>
+__device__ __forceinline__ void set_given(const float v[3][4], const int32_t order[3], CornersOf<kHas>* out) {
+  if constexpr (kHas)
+    for (int k = 0; k < 3; ++k)
+      for (int i = 0; i < 4; ++i) out->given[k][i] = v[order[k]][i];
 }
-__device__ __forceinline__ void set_given(const float[3][4], const int32_t[3], CornersOf<false>*) {}
 
 // Sets up a run from pixel (x, y) on. kWhole if and only if it is to be drawn.
 __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, int32_t triangle, Run* out) {
@@ -302,13 +303,13 @@ __device__ __forceinline__ Fate set_up_run(const Shading& job, const Place& at, 
 }
 
 // By the vertices as they were given, where that is the rung's rule: the weights of a view's pixel (x, y).
-__device__ __forceinline__ void weigh_unsnapped(const Shading& job, const CornersOf<true>& corners, int x, int y,
-                                                double b[3]) {
-  unsnapped_weights(corners.given, device_coordinate((double)x, job.width),
-                    device_coordinate((double)(job.height - 1 - y), job.height), b);
+template <bool kHas, class D>
+__device__ __forceinline__ void weigh_unsnapped(const Shading& job, const CornersOf<kHas>& corners, int x, int y,
+                                                D b[3]) {
+  if constexpr (kHas)
+    unsnapped_weights(corners.given, device_coordinate((D)x, job.width),
+                      device_coordinate((double)(job.height - 1 - y), job.height), b);
 }
-template <class D>
-__device__ __forceinline__ void weigh_unsnapped(const Shading&, const CornersOf<false>&, int, int, D[3]) {}
 
 // The weights of pixel `at`, which lies i to the right and j below the one that the run was set up from. i, j: not
 // negative.
