@@ -54,7 +54,7 @@ class RenderPlan:
         missing = [f"{name} ({effect.why})" for name, effect in needed.items() if effect.on and not getattr(self, name)]
         if missing:
             text = f"bigtri.render: plan leaves out what the scene calls for, so the picture is another: {'; '.join(missing)}"
-            warnings.warn(text, UserWarning, stacklevel=3)
+            warnings.warn(text, UserWarning, stacklevel=4)  # the line that called render
         return self
 
 
