@@ -176,18 +176,14 @@ def test_transform() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        (
-            "starts[j] = id[j] >= 0 && (id[j] != before || x == 0);",
-            "starts[j] = id[j] >= 0 && id[j] != before;",
-            "values of image",
-        ),
-        ("base + kRuns < found.x ? room->begin[base + kRuns] : found.y;", "found.y;", "access beyond memory"),
+        ("if (++at.y == job.height) at.y = 0, ++at.view;", "++at.y;", "values of image"),
+        ("if (place >= work.places) place = kNoPlace;", "", "access beyond memory"),
         ("&& ((uintptr_t)job.image & 3) == 0) {", "|| true) {", "access beyond memory"),
     ],
 )
 def test_what_is_broken_shows(old: str, new: str, said: str, tmp_path) -> None:
-    """A run that goes on in the next row, pixels of runs that are not set up yet, memory."""
+    """Pixels of the next view, more clipped triangles than there is memory for, a picture's end."""
     library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", old, new))
     small = picture_of(47, (90, 33), views=3, made=False, count=2000)
-    wanted = [(p, drawn(p)) for p in (small, full_screen((90, 33)))]
+    wanted = [(p, drawn(p)) for p in (small, full_screen((90, 33)), of_many_clipped(900))]
     assert said in cuda_on_cpu.in_children([functools.partial(differences, library, wanted)])
