@@ -176,8 +176,8 @@ def test_transform() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("if (++at.y == job.height) at.y = 0, ++at.view;", "++at.y;", "values of image"),
-        ("if (place >= work.places) place = kNoPlace;", "", "access beyond memory"),
+        ("(int)(row - view * work.height.by)}", "(int)row}", "values of image"),
+        ("place = kNoPlace;", "place = 0;", "picture 2"),
         ("&& ((uintptr_t)job.image & 3) == 0) {", "|| true) {", "access beyond memory"),
     ],
 )

@@ -11,33 +11,49 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Two kernels make a picture. The first one, begin_frame, comes before the frame's triangles are drawn: it makes tables,
-// clips what has to be clipped, each triangle once, and where a triangle has many pixels on average, it sets up all of
-// them. The second one, shade, finishes a pixel a lane. Pixels of a clipped triangle for which there was no memory are
-// left to a third one, shade_left, which ends at once where there are none. Where several samples make a pixel all of
-// them work on samples, and add_samples adds those up.
+// Two kernels make a picture. begin_frame makes tables, clips what has to be clipped, each triangle once, and where a
+// triangle has many pixels on average, it sets up all of them. It needs nothing of what the triangles are drawn with, and
+// overlaps with the end of that. Then `shade` finishes a pixel a lane. Pixels of a clipped triangle for which there was no
+// memory are left to a third kernel, shade_left, which ends at once where there are none. Where several samples make a
+// pixel all of them work on samples, and add_samples adds those up.
 
-constexpr int kShadeWarps = 4;  // of a block, in all kernels
+constexpr int kShadeWarps = 4;  // of a block, in all kernels but begin_frame
 constexpr int kShadeThreads = kShadeWarps * kWarp;
-constexpr int kWordsEach = 2;      // that a warp of `shade` takes; a word is 32 pixels next to each other
-constexpr int kWordsAtOnce = 8;    // that a warp of `shade_left` looks at together
-constexpr int kNoPlace = 255;      // in Work::place: a clipped triangle that found no memory
-constexpr int kMostPlaces = 32;    // for the clipped triangles of a block of begin_frame
-constexpr int kFewestPlaces = 2;
+constexpr int kBeginWarps = 8;
+constexpr int kBeginThreads = kBeginWarps * kWarp;
+constexpr int kWordsEach = 2;     // that a warp of `shade` takes; a word is 32 pixels next to each other
+constexpr int kFewestPlaces = 4;  // for the clipped triangles of a block of begin_frame
+constexpr int kMostPlaces = 32;
 constexpr int kAllPlaces = 4096;  // of all blocks, where that gives each its fewest
+constexpr uint8_t kNoPlace = 255;  // in Work::place: a clipped triangle that found no memory
 
-static_assert(kMostPlaces <= kNoPlace, "a place fits a byte");
+static_assert(kMostPlaces < kNoPlace, "a place fits a byte");
 
-// Memory that the kernels work with.
+// Divides numbers of 32 bits by one that the host knows.
+struct ShortDivisor {
+  uint32_t by;
+  uint64_t inverse;  // of `by`: 2^64 / by, rounded down, plus 1; 0 for 1
+
+  explicit ShortDivisor(uint32_t v = 1) : by(v), inverse(v == 1 ? 0 : ~0ull / v + 1) {}
+};
+// inverse = (2^64 + e) / by with 0 < e <= by, so that v * inverse / 2^64 is v / by plus less than v / 2^64 < 2^-32. That
+// is less than 1 / by, which v / by is away from the next whole number at least.
+__device__ __forceinline__ uint32_t quotient(uint32_t v, const ShortDivisor& d) {
+  if (d.inverse == 0) return v;
+  const uint64_t low = (d.inverse & 0xffffffff) * v, high = (d.inverse >> 32) * v;
+  return (uint32_t)((high + (low >> 32)) >> 32);
+}
+
+// Memory that the kernels work with, and what the host computes for them.
 struct Work {
+  ShortDivisor width, height;  // of the buffer
   Codes* codes;
-  uint32_t* background;      // [H / samples]: of each row of the picture, the lowest byte first
-  uint32_t* any_left;        // [1]: whether pixels are left to shade_left
-  uint32_t* left;            // a bit for each pixel: whether it is
-  uint32_t* drawn;           // the same: whether it is not the background; null where nobody asks
+  uint32_t* background;        // [views * H]: of each row, the lowest byte first; null where samples are added up
+  uint32_t* any_left;          // [1]: whether pixels are left to shade_left
+  uint32_t* drawn;             // a bit for each pixel: whether it is not the background; null where nobody asks
   PreparedTriangle* prepared;  // [views, T], or null
-  uint8_t* place;            // [views, T]: of a clipped triangle, its place among its block's, or kNoPlace
-  ClippedTriangle* clipped;  // [blocks of kShadeThreads triangles, places]
+  uint8_t* place;              // [views, T]: of a clipped triangle, its place among its block's, or kNoPlace; else 0
+  ClippedTriangle* clipped;    // [blocks of begin_frame, places]
   int places;
   Textures textures;
 };
@@ -55,100 +71,81 @@ struct Thresholds {
 
 __device__ __forceinline__ int64_t warp_in_grid() { return (int64_t)blockIdx.x * kShadeWarps + this_warp(); }
 
-// v / by, with a division of 32 bits where that is enough: one of 64 takes a hundred instructions.
-__device__ __forceinline__ int64_t short_quotient(int64_t v, int32_t by) {
-  return v <= UINT32_MAX ? (uint32_t)v / (uint32_t)by : v / by;
-}
-
 // Where a pixel lies.
 struct Place {
   int64_t view;
   int x, y;
 };
-__device__ __forceinline__ Place place_of(const Shading& job, int64_t pixel) {
-  const int of_view = job.height * job.width;
-  const int64_t view = short_quotient(pixel, of_view);
-  const uint32_t rest = (uint32_t)(pixel - view * of_view);
-  const int y = (int)(rest / (uint32_t)job.width);
-  return {view, (int)rest - y * job.width, y};
+
+// The row of a pixel, counted through all views.
+__device__ __forceinline__ int64_t row_of(const Work& work, int64_t pixel) {
+  return pixel <= UINT32_MAX ? quotient((uint32_t)pixel, work.width) : pixel / work.width.by;
 }
-// The place `count` pixels after it; count: few rows at most.
-__device__ __forceinline__ Place moved(const Shading& job, Place at, int count) {
-  at.x += count;
-  while (at.x >= job.width) {
-    at.x -= job.width;
-    if (++at.y == job.height) at.y = 0, ++at.view;
-  }
-  return at;
+__device__ __forceinline__ Place place_of(const Work& work, int64_t pixel, int64_t row) {
+  const int64_t view = quotient((uint32_t)row, work.height);
+  return {view, (int)(pixel - row * work.width.by), (int)(row - view * work.height.by)};
 }
 
-// --- Before the frame
+// --- Before the pixels
 
-// Thread t of a block has triangle t of the block's: clips those that have to be, with all lanes of the warp.
-__device__ __forceinline__ void clip_those(const Shading& job, const Work& work, bool wanted, int64_t view,
-                                           int32_t triangle, int* taken, ClipScratch* scratch) {
-  int place = kNoPlace;
-  if (wanted) {
-    place = min_of(atomicAdd(taken, 1), kNoPlace);
-    if (place >= work.places) place = kNoPlace;
-    work.place[view * job.count + triangle] = (uint8_t)place;
-  }
-  for (unsigned left = __ballot_sync(kAllLanes, place != kNoPlace); left; left &= left - 1) {
-    const int lane = __ffs(left) - 1;
-    const int64_t of = __shfl_sync(kAllLanes, view, lane);
-    clip(job, of, __shfl_sync(kAllLanes, triangle, lane), scratch,
-         work.clipped + (int64_t)blockIdx.x * work.places + __shfl_sync(kAllLanes, place, lane));
-  }
-}
-
-// Makes what the frame looks up, a thread an item of each table, and looks at every triangle of every view, a thread
-// each.
-__global__ void __launch_bounds__(kShadeThreads)
-    begin_frame(const __grid_constant__ Shading job, const __grid_constant__ Thresholds thresholds,
+// Makes what the pixels look up, a thread an item of each table, and looks at every triangle of every view, a thread
+// each. The block's warps clip those that have to be clipped.
+__global__ void __launch_bounds__(kBeginThreads, 2)
+    begin_frame(const __grid_constant__ Shading job, const __grid_constant__ Thresholds given,
                 const __grid_constant__ Work work) {
-  __shared__ float shared[255];
-  __shared__ ClipScratch scratch[kShadeWarps];
-  __shared__ int taken;
-  for (int k = threadIdx.x; k < 255; k += kShadeThreads) shared[k] = thresholds.value[k];
-  if (threadIdx.x == 0) taken = 0;
+  __shared__ float thresholds[255];
+  __shared__ ClipScratch scratch[kBeginWarps];
+  __shared__ uint8_t listed[kMostPlaces];  // threads whose triangles are clipped
+  __shared__ int count;
+  for (int k = threadIdx.x; k < 255; k += kBeginThreads) thresholds[k] = given.value[k];
+  if (threadIdx.x == 0) count = 0;
   __syncthreads();
-  const int64_t item = (int64_t)blockIdx.x * kShadeThreads + threadIdx.x;
-  int64_t view = 0;
-  int32_t triangle = 0;
-  bool to_clip = false;
-  if (item < job.views * job.count) {
-    view = short_quotient(item, job.count);
-    triangle = (int32_t)(item - view * job.count);
+  const int64_t first = (int64_t)blockIdx.x * kBeginThreads, item = first + threadIdx.x, of_view = job.count;
+  if (item < job.views * of_view) {
+    const int64_t view = item / of_view;
+    const int32_t triangle = (int32_t)(item - view * of_view);
+    bool clipped;
     if (work.prepared) {
       PreparedTriangle made;
       prepare(job, view, triangle, &made);
       work.prepared[item] = made;
-      to_clip = made.fate == Fate::kClip;
+      clipped = made.fate == Fate::kClip;
     } else {
-      to_clip = is_clipped(job, view, triangle);
+      clipped = is_clipped(job, view, triangle);
     }
+    int place = 0;
+    if (clipped) {
+      place = atomicAdd(&count, 1);
+      if (place < work.places)
+        listed[place] = (uint8_t)threadIdx.x;
+      else
+        place = kNoPlace;
+    }
+    work.place[item] = (uint8_t)place;
   }
-  clip_those(job, work, to_clip, view, triangle, &taken, scratch + this_warp());
+  __syncthreads();
+  for (int k = this_warp(); k < min_of(count, work.places); k += kBeginWarps) {
+    const int64_t which = first + listed[k], view = which / of_view;
+    clip(job, view, (int32_t)(which - view * of_view), scratch + this_warp(),
+         work.clipped + (int64_t)blockIdx.x * work.places + k);
+  }
 
-  const int n = job.samples, i = (int)min_of<int64_t>(item, INT32_MAX);
   Codes* codes = work.codes;
-  if (i == 0) *work.any_left = 0;
-  if (i < 256) {
-    codes->encode.thresholds[i] = i < 255 ? shared[i] : kNotANumber;
-    codes->decoded[i] = decode_srgb(257 * i);
+  if (item == 0) *work.any_left = 0;
+  if (item < 256) {
+    codes->encode.thresholds[item] = item < 255 ? thresholds[item] : kNotANumber;
+    codes->decoded[item] = decode_srgb(257 * (int)item);
   }
-  if (i <= kSrgbSteps) codes->encode.start[i] = encode_srgb((float)i / kSrgbSteps, shared);
-  if (i >= job.height / n) return;
-  float total[3] = {0.0f, 0.0f, 0.0f};
-  for (int y = 0; y < n; ++y) {
-    float one[3];
-    background_at(job.surface, i * n + y, job.height, job.channels, one);
-    for (int x = 0; x < n; ++x)
-      for (int c = 0; c < 3; ++c) total[c] = total[c] + one[c];
+  if (item <= kSrgbSteps) codes->encode.start[item] = encode_srgb((float)item / kSrgbSteps, thresholds);
+  if (work.background && item < job.views * job.height) {
+    float linear[3];
+    background_at(job.surface, (int)(item - quotient((uint32_t)item, work.height) * (int64_t)job.height), job.height,
+                  job.channels, linear);
+    uint32_t color = 0;
+    for (int c = 0; c < 3; ++c) color |= (uint32_t)encode_srgb(linear[c], thresholds) << (8 * c);
+    work.background[item] = color;
   }
-  uint8_t pixel[4] = {0, 0, 0, 0};
-  store_mean(total, 0, n * n, job.channels, (const float*)shared, pixel);
-  work.background[i] = pixel[0] | pixel[1] << 8 | pixel[2] << 16 | (uint32_t)pixel[3] << 24;
+  wait_for_previous();
 }
 
 // --- The pixels
@@ -164,7 +161,7 @@ __device__ __forceinline__ const ClippedTriangle* clipped_of(const Shading& job,
                                                              int32_t triangle) {
   const int64_t item = view * job.count + triangle;
   const int place = work.place[item];
-  return place == kNoPlace ? nullptr : work.clipped + item / kShadeThreads * work.places + place;
+  return place == kNoPlace ? nullptr : work.clipped + item / kBeginThreads * work.places + place;
 }
 
 enum class Pixel { kBackground, kDrawn, kLeft };
@@ -248,42 +245,35 @@ __global__ void __launch_bounds__(kShadeThreads, kPrepared ? 8 : 6)
     shade(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   wait_for_previous();
   const int lane = lane_id();
-  const int64_t pixels = job.views * job.height * job.width, start = warp_in_grid() * (kWordsEach * kWarp);
-  if (start >= pixels) return;
+  const int64_t pixels = job.views * job.height * job.width, start = warp_in_grid() * (kWordsEach * kWarp) + lane;
   int32_t triangles[kWordsEach];
 #pragma unroll
-  for (int j = 0; j < kWordsEach; ++j) {
-    const int64_t i = start + j * kWarp + lane;
-    triangles[j] = triangle_of(job, i < pixels ? job.packed[i] : kBackground);
-  }
-  Place at = moved(job, place_of(job, start), lane);
+  for (int j = 0; j < kWordsEach; ++j)
+    triangles[j] = start + j * kWarp < pixels ? triangle_of(job, job.packed[start + j * kWarp]) : -1;
 #pragma unroll 1
-  for (int j = 0; j < kWordsEach && start + j * kWarp < pixels; ++j) {
-    const int64_t first = start + j * kWarp, i = first + lane;
+  for (int j = 0; j < kWordsEach; ++j) {
+    const int64_t i = start + j * kWarp, first = i - lane;
+    if (first >= pixels) return;
     int32_t triangle = triangles[0];
 #pragma unroll
     for (int m = 1; m < kWordsEach; ++m)
       if (j == m) triangle = triangles[m];
+    const int64_t row = row_of(work, min_of(i, pixels - 1));
+    uint32_t color = work.background ? __ldg(work.background + row) : 0;
     Pixel pixel = Pixel::kBackground;
-    uint32_t color = 0;
     if (triangle >= 0) {
       float linear[3];
-      pixel = shade_pixel<kPrepared>(job, work, *work.codes, at, i, triangle, linear);
-      if (job.image && pixel == Pixel::kDrawn) color = encoded(*work.codes, linear);
+      pixel = shade_pixel<kPrepared>(job, work, *work.codes, place_of(work, i, row), i, triangle, linear);
+      if (pixel == Pixel::kDrawn && job.image) color = encoded(*work.codes, linear);
+      if (pixel == Pixel::kLeft) *work.any_left = 1;
     }
-    if (pixel == Pixel::kBackground && i < pixels) {
-      if (job.image) color = __ldg(work.background + at.y);
-      if (job.albedo || job.normals || job.linear) put_background(job, at.y, i);
-    }
-    const unsigned left = __ballot_sync(kAllLanes, pixel == Pixel::kLeft),
-                   drawn = __ballot_sync(kAllLanes, pixel == Pixel::kDrawn);
-    if (lane == 0) {
-      work.left[first / kWarp] = left;
-      if (work.drawn) work.drawn[first / kWarp] = drawn;
-      if (left) *work.any_left = 1;
+    if ((job.albedo || job.normals || job.linear) && pixel == Pixel::kBackground && i < pixels)
+      put_background(job, place_of(work, i, row).y, i);
+    if (work.drawn) {
+      const unsigned drawn = __ballot_sync(kAllLanes, pixel == Pixel::kDrawn);
+      if (lane == 0) work.drawn[first / kWarp] = drawn;
     }
     if (job.image) store_word(job, first, pixels, color);
-    at = moved(job, at, kWarp);
   }
 }
 
@@ -297,48 +287,41 @@ __global__ void __launch_bounds__(kShadeThreads, 4)
   ClippedTriangle* held = clipped + this_warp();
   int64_t held_view = -1;
   int32_t held_triangle = -1;
-  const int lane = lane_id();
-  const int64_t pixels = job.views * job.height * job.width, words = (pixels + kWarp - 1) / kWarp;
-  const int64_t step = (int64_t)gridDim.x * kShadeWarps * kWordsAtOnce;
-  for (int64_t base = warp_in_grid() * kWordsAtOnce; base < words; base += step) {
-    const uint32_t loaded = lane < kWordsAtOnce && base + lane < words ? work.left[base + lane] : 0;
-    for (unsigned words_left = __ballot_sync(kAllLanes, loaded != 0); words_left; words_left &= words_left - 1) {
-      const int k = __ffs(words_left) - 1;
-      const uint32_t bits = __shfl_sync(kAllLanes, loaded, k);
-      const int64_t first = (base + k) * kWarp, i = first + lane;
-      const Place at = moved(job, place_of(job, first), lane);
-      const int32_t triangle = bits >> lane & 1 ? triangle_of(job, job.packed[i]) : -1;
-      bool drawn = false;
-      for (unsigned waiting = bits; waiting;) {
-        const int64_t view = __shfl_sync(kAllLanes, at.view, __ffs(waiting) - 1);
-        const int32_t next = __shfl_sync(kAllLanes, triangle, __ffs(waiting) - 1);
-        if (view != held_view || next != held_triangle) {
-          __syncwarp();  // all have read what is held
-          clip(job, view, next, scratch + this_warp(), held);
-          held_view = view;
-          held_triangle = next;
-        }
-        const bool mine = triangle == next && at.view == view;
-        if (mine) {
-          drawn = held->count > 0;
-          if (drawn) {
-            float weight[3], linear[3];
-            weigh(job, *held, at.x, at.y, weight);
-            finish(job, work.textures, *work.codes, held->skin, weight, i, linear);
-            if (job.image)
-              for (int c = 0; c < job.channels; ++c)
-                job.image[i * job.channels + c] = (uint8_t)(encoded(*work.codes, linear) >> (8 * c));
-          } else {
-            for (int c = 0; job.image && c < job.channels; ++c)
-              job.image[i * job.channels + c] = (uint8_t)(work.background[at.y] >> (8 * c));
-            put_background(job, at.y, i);
-          }
-        }
-        waiting &= ~__ballot_sync(kAllLanes, mine);
+  const int64_t pixels = job.views * job.height * job.width;
+  for (int64_t first = warp_in_grid() * kWarp; first < pixels; first += (int64_t)gridDim.x * kShadeThreads) {
+    const int64_t i = first + lane_id();
+    const int32_t triangle = i < pixels ? triangle_of(job, job.packed[i]) : -1;
+    const Place at = place_of(work, i, row_of(work, min_of(i, pixels - 1)));
+    const bool wanted = triangle >= 0 && work.place[at.view * job.count + triangle] == kNoPlace;
+    bool drawn = false;
+    for (unsigned waiting = __ballot_sync(kAllLanes, wanted); waiting;) {
+      const int64_t view = __shfl_sync(kAllLanes, at.view, __ffs(waiting) - 1);
+      const int32_t next = __shfl_sync(kAllLanes, triangle, __ffs(waiting) - 1);
+      if (view != held_view || next != held_triangle) {
+        __syncwarp();  // all have read what is held
+        clip(job, view, next, scratch + this_warp(), held);
+        held_view = view;
+        held_triangle = next;
       }
-      const unsigned all = __ballot_sync(kAllLanes, drawn);
-      if (work.drawn && lane == 0) work.drawn[base + k] |= all;
+      const bool mine = triangle == next && at.view == view;
+      if (mine) {
+        uint32_t color = work.background ? work.background[view * job.height + at.y] : 0;
+        drawn = held->count > 0;
+        if (drawn) {
+          float weight[3], linear[3];
+          weigh(job, *held, at.x, at.y, weight);
+          finish(job, work.textures, *work.codes, held->skin, weight, i, linear);
+          color = encoded(*work.codes, linear);
+        } else {
+          put_background(job, at.y, i);
+        }
+        for (int c = 0; job.image && c < job.channels; ++c)
+          job.image[i * job.channels + c] = (uint8_t)(color >> (8 * c));
+      }
+      waiting &= ~__ballot_sync(kAllLanes, mine);
     }
+    const unsigned all = __ballot_sync(kAllLanes, drawn);
+    if (work.drawn && lane_id() == 0) work.drawn[first / kWarp] |= all;
   }
 }
 
@@ -387,15 +370,16 @@ bool prepares(const Shading& job) {
 Layout lay_out(const Shading& job, Scratch* scratch) {
   Layout out = {};
   Work& work = out.work;
-  const int64_t pixels = job.views * job.height * job.width, words = (pixels + kWarp - 1) / kWarp;
-  const int64_t triangles = job.views * job.count, blocks = (triangles + kShadeThreads - 1) / kShadeThreads;
+  const int64_t pixels = job.views * job.height * job.width, triangles = job.views * job.count;
+  const int64_t blocks = (triangles + kBeginThreads - 1) / kBeginThreads;
+  work.width = ShortDivisor((uint32_t)job.width);
+  work.height = ShortDivisor((uint32_t)job.height);
   work.places =
       (int)min_of<int64_t>(max_of<int64_t>(kAllPlaces / max_of<int64_t>(blocks, 1), kFewestPlaces), kMostPlaces);
   work.codes = scratch->take<Codes>(1);
-  work.background = scratch->take<uint32_t>(job.height / job.samples);
   work.any_left = scratch->take<uint32_t>(1);
-  work.left = scratch->take<uint32_t>(words);
-  if (job.samples > 1) work.drawn = scratch->take<uint32_t>(words);
+  if (job.samples == 1) work.background = scratch->take<uint32_t>(job.views * job.height);
+  if (job.samples > 1) work.drawn = scratch->take<uint32_t>((pixels + kWarp - 1) / kWarp);
   if (prepares(job)) work.prepared = scratch->take<PreparedTriangle>(triangles);
   work.place = scratch->take<uint8_t>(triangles);
   work.clipped = scratch->take<ClippedTriangle>(blocks * work.places);
@@ -418,41 +402,38 @@ int64_t shading_scratch(const Shading& job) {
   return scratch.used;
 }
 
-cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t stream) {
-  Scratch scratch = {static_cast<char*>(memory)};
-  const Layout at = lay_out(job, &scratch);
-  for (int first = 0; at.textures && first < job.surface.texture_count; first += kTexturesAtOnce) {
-    const int count = min_of(job.surface.texture_count - first, kTexturesAtOnce);
-    SomeTextures some = {};
-    for (int i = 0; i < count; ++i) some.texture[i] = job.surface.textures[first + i];
-    BIGTRI_CUDA(launch_first(put_textures, 1, kTexturesAtOnce, 0, stream, some, at.textures + first, count));
-  }
-  Thresholds thresholds;
-  for (int i = 0; i < 255; ++i) thresholds.value[i] = job.thresholds[i];
-  const int64_t rows = job.height / job.samples;
-  const int64_t items = max_of(max_of<int64_t>(kSrgbSteps + 1, rows), job.views * job.count);
-  return launch_first(begin_frame, (items + kShadeThreads - 1) / kShadeThreads, kShadeThreads, 0, stream, job,
-                      thresholds, at.work);
-}
-
-cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
+cudaError_t shade_cuda(const Shading& given, bool drawn_before, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   Layout at = lay_out(given, &scratch);
+  const Surface& surface = given.surface;
   at.work.textures.many = at.textures;
   if (!at.textures)
-    for (int i = 0; i < given.surface.texture_count; ++i) at.work.textures.few[i] = given.surface.textures[i];
+    for (int i = 0; i < surface.texture_count; ++i) at.work.textures.few[i] = surface.textures[i];
+  for (int first = 0; at.textures && first < surface.texture_count; first += kTexturesAtOnce) {
+    const int count = min_of(surface.texture_count - first, kTexturesAtOnce);
+    SomeTextures some = {};
+    for (int i = 0; i < count; ++i) some.texture[i] = surface.textures[first + i];
+    BIGTRI_CUDA(launch_first(put_textures, 1, kTexturesAtOnce, 0, stream, some, at.textures + first, count));
+  }
   Shading job = given;
   const bool several = job.samples > 1;
   if (several) {
     job.image = nullptr;
     if (!job.linear) job.linear = at.linear;
   }
-  const int64_t pixels = job.views * job.height * job.width, words = (pixels + kWarp - 1) / kWarp;
-  const int64_t warps = (words + kWordsEach - 1) / kWordsEach;
+  Thresholds thresholds;
+  for (int i = 0; i < 255; ++i) thresholds.value[i] = job.thresholds[i];
+  const int64_t rows = job.views * job.height, pixels = rows * job.width, triangles = job.views * job.count;
+  const int64_t items = max_of(max_of<int64_t>(kSrgbSteps + 1, rows), triangles);
+  const int64_t begin_blocks = (items + kBeginThreads - 1) / kBeginThreads;
+  BIGTRI_CUDA(drawn_before
+                  ? launch_next(begin_frame, begin_blocks, kBeginThreads, 0, stream, job, thresholds, at.work)
+                  : launch_first(begin_frame, begin_blocks, kBeginThreads, 0, stream, job, thresholds, at.work));
+  constexpr int kOfBlock = kShadeThreads * kWordsEach;
   const auto kernel = at.work.prepared ? shade<true> : shade<false>;
-  BIGTRI_CUDA(launch_next(kernel, (warps + kShadeWarps - 1) / kShadeWarps, kShadeThreads, 0, stream, job, at.work));
+  BIGTRI_CUDA(launch_next(kernel, (pixels + kOfBlock - 1) / kOfBlock, kShadeThreads, 0, stream, job, at.work));
   int blocks;
-  BIGTRI_CUDA(blocks_of(shade_left, (words + kWordsAtOnce - 1) / kWordsAtOnce, &blocks));
+  BIGTRI_CUDA(blocks_of(shade_left, (pixels + kWarp - 1) / kWarp, &blocks));
   BIGTRI_CUDA(launch_next(shade_left, blocks, kShadeThreads, 0, stream, job, at.work));
   if (!several) return cudaSuccess;
   const float* linear = job.linear;

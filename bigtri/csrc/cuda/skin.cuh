@@ -35,7 +35,11 @@ struct Textures {
   const Texture* many;  // all textures, where there are more than kTextures; else null
   Texture few[kTextures];
 
-  __device__ __forceinline__ const Texture& operator[](int i) const { return many ? many[i] : few[i]; }
+  // By value: a reference to either would put the launch's own into local memory.
+  __device__ __forceinline__ Texture operator[](int i) const {
+    if (many) return many[i];
+    return few[i];
+  }
 };
 
 __device__ __forceinline__ Frame frame_of(const Shading& job, int64_t view) {
