@@ -173,6 +173,14 @@ def test_transform() -> None:
     assert not said, said
 
 
+def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
+    """With a limit of some views of these pictures, as 2^30 pixels are too many for a test."""
+    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", "kPixelsAtOnce = 1 << 30", "kPixelsAtOnce = 5000"))
+    pictures = [picture_of(48, (33, 47), views=5, channels=4), picture_of(49, (16, 31), 7, samples=2), of_many_clipped(900)]
+    said = cuda_on_cpu.in_children([functools.partial(differences, library, [(p, drawn(p)) for p in pictures])])
+    assert not said, said
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -9,15 +9,13 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr int kTextures = 16;  // that go with a launch; of more there is a table in memory
-
-// Interpolated channels of a fragment: uv, vertex colour, normal.
-enum { kUv = 0, kColor = 2, kNormal = 5, kChannels = 8 };
+// Interpolated channels of a fragment: uv, normal, vertex colour.
+enum { kUv = 0, kNormal = 2, kColor = 5, kChannels = 8 };
 
 // Bits of Skin::bits beside those of LookBit, which stay where the surface has the data.
 enum : int32_t { kSmoothNormal = 1 << 8, kFaceNormal = 1 << 9 };
 
-struct Skin {
+struct alignas(16) Skin {
   float value[kChannels][3];  // at the corners that weights 0, 1, 2 belong to; of a face normal only [][0]
   float base[3];              // colour of the material
   float facing;               // -1: the normal is turned round; else 1
@@ -27,20 +25,23 @@ struct Skin {
 
 // What a frame looks up, made once by the kernel before it. It stays in the caches.
 struct Codes {
-  SrgbTable encode;
+  SrgbSteps encode;
   float decoded[256];  // what 8-bit codes of textures stand for
 };
 
-struct Textures {
-  const Texture* many;  // all textures, where there are more than kTextures; else null
-  Texture few[kTextures];
-
-  // By value: a reference to either would put the launch's own into local memory.
-  __device__ __forceinline__ Texture operator[](int i) const {
-    if (many) return many[i];
-    return few[i];
-  }
-};
+// A struct that the frame's first kernel has written, read 16 bytes at a time.
+template <class T>
+__device__ __forceinline__ T loaded(const T* from) {
+  static_assert(sizeof(T) % sizeof(int4) == 0 && alignof(T) >= sizeof(int4), "whole vectors");
+  union Words {
+    int4 word[sizeof(T) / sizeof(int4)];
+    T whole;
+    __device__ Words() {}
+  } words;
+#pragma unroll
+  for (int i = 0; i < (int)(sizeof(T) / sizeof(int4)); ++i) words.word[i] = reinterpret_cast<const int4*>(from)[i];
+  return words.whole;
+}
 
 __device__ __forceinline__ Frame frame_of(const Shading& job, int64_t view) {
   const Viewport whole = {job.width, job.height, 0, 0, job.width, job.height, kCullNone};
@@ -98,32 +99,45 @@ __device__ __forceinline__ void look_up(const Texture& t, const Codes& codes, in
     sample_wide(t, u, v, filter, wrap, out);
 }
 
-// Finishes pixel i of the buffer, which has these weights: writes what is wanted of it, but for the picture. linear: its
-// colour.
-__device__ __forceinline__ void finish(const Shading& job, const Textures& textures, const Codes& codes,
-                                       const Skin& skin, const float weight[3], int64_t i, float linear[3]) {
-  const Surface& s = job.surface;
+// What is wanted of a pixel beside the picture.
+struct Finished {
+  float albedo[3], normal[3], linear[3];
+};
+
+// Finishes a pixel that has these weights.
+__device__ __forceinline__ void finish(const Surface& s, const Texture* textures, const Codes& codes, const Skin& skin,
+                                       const float weight[3], Finished* out) {
   const auto at = [&](int c) { return interpolate(weight, skin.value[c][0], skin.value[c][1], skin.value[c][2]); };
-  float albedo[3], normal[3];
-  for (int c = 0; c < 3; ++c) albedo[c] = skin.base[c];
+  for (int c = 0; c < 3; ++c) out->albedo[c] = skin.base[c];
   if (skin.texture >= 0) {
     float texel[3];
     look_up(textures[skin.texture], codes, skin.bits, at(kUv), at(kUv + 1), texel);
-    for (int c = 0; c < 3; ++c) albedo[c] = albedo[c] * texel[c];
+    for (int c = 0; c < 3; ++c) out->albedo[c] = out->albedo[c] * texel[c];
   }
   if (skin.bits & kLookVertexColors)
-    for (int c = 0; c < 3; ++c) albedo[c] = albedo[c] * at(kColor + c);
+    for (int c = 0; c < 3; ++c) out->albedo[c] = out->albedo[c] * at(kColor + c);
   for (int c = 0; c < 3; ++c) {
     const float v = skin.bits & kSmoothNormal ? at(kNormal + c)
                     : skin.bits & kFaceNormal ? skin.value[kNormal + c][0]
                                               : 0.0f;
-    normal[c] = v * skin.facing;
+    out->normal[c] = v * skin.facing;
   }
-  lambert(normal, albedo, s.ambient, s.light_directions, s.light_colors, s.lights, linear);
+  lambert(out->normal, out->albedo, s.ambient, s.light_directions, s.light_colors, s.lights, out->linear);
+}
+
+// The same of the background in a row of the buffer.
+__device__ __forceinline__ void finish_background(const Shading& job, int y, Finished* out) {
+  for (int c = 0; c < 3; ++c) out->albedo[c] = out->normal[c] = 0.0f;
+  background_at(job.surface, y, job.height, job.channels, out->linear);
+}
+
+// Stores what is wanted of pixel i beside the picture.
+__device__ __forceinline__ void store_beside(const Shading& job, const Finished& pixel, uint32_t i) {
   for (int c = 0; c < 3; ++c) {
-    if (job.albedo) job.albedo[3 * i + c] = albedo[c];
-    if (job.normals) job.normals[3 * i + c] = normal[c];
-    if (job.linear) job.linear[3 * i + c] = linear[c];
+    const int64_t at = 3 * (int64_t)i + c;
+    if (job.albedo) job.albedo[at] = pixel.albedo[c];
+    if (job.normals) job.normals[at] = pixel.normal[c];
+    if (job.linear) job.linear[at] = pixel.linear[c];
   }
 }
 

@@ -9,15 +9,15 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // What weights are computed from, of a triangle that is not clipped; in their order.
-struct WholeTriangle : Corners {
+struct alignas(16) WholeTriangle : Corners {
+  Fate fate;           // kWhole: all of this is set; kClip: it has to be clipped; else nothing is drawn of it
+  int32_t affine;      // whether all w are equal
   int32_t x[3], y[3];  // snapped, subpx
-  bool affine;         // all w are equal
   Divisor area, w[3];
 };
 
 // A triangle that has been set up for all of its pixels.
 struct PreparedTriangle {
-  Fate fate;  // kWhole, kClip, or one of which nothing is drawn
   WholeTriangle whole;
   Skin skin;
 };
@@ -42,20 +42,21 @@ __device__ __forceinline__ void set_given(const float v[3][4], const int32_t ord
       for (int i = 0; i < 4; ++i) out->given[k][i] = v[order[k]][i];
 }
 
-// Sets up a triangle. kWhole if and only if it is to be drawn as it is; vertex gets its indices then, in the order of
-// the weights, and back whether its back is seen, where that matters.
-__device__ __forceinline__ Fate set_up_whole(const Shading& job, int64_t view, int32_t triangle, WholeTriangle* out,
+// Sets up a triangle. If it is to be drawn as it is, vertex gets its indices, in the order of the weights, and back
+// whether its back is seen, where that matters.
+__device__ __forceinline__ void set_up_whole(const Shading& job, int64_t view, int32_t triangle, WholeTriangle* out,
                                              int32_t vertex[3], bool* back) {
   const Frame f = frame_of(job, view);
   int32_t index[3];
-  if (!load_indices(f, triangle, index)) return Fate::kDropped;
+  out->fate = Fate::kDropped;
+  if (!load_indices(f, triangle, index)) return;
   float corner[3][4];
   for (int k = 0; k < 3; ++k) load_vertex(f, index[k], corner[k]);
   Vertex v[3];
   for (int k = 0; k < 3; ++k) v[k] = project_vertex(corner[k], job.width, job.height);
   Primitive p;
-  const Fate fate = assemble(f, v, &p);
-  if (fate != Fate::kWhole) return fate;
+  out->fate = assemble(f, v, &p);
+  if (out->fate != Fate::kWhole) return;
   const float w[3] = {corner[0][3], corner[1][3], corner[2][3]};
   for (int k = 0; k < 3; ++k) {
     vertex[k] = pick(index, p.order[k]);
@@ -67,15 +68,15 @@ __device__ __forceinline__ Fate set_up_whole(const Shading& job, int64_t view, i
   out->affine = w[0] == w[1] && w[1] == w[2];
   set_given(corner, p.order, out);
   *back = job.surface.two_sided && is_back(corner[0], corner[1], corner[2]);
-  return fate;
 }
 
 // The same with its skin, for all of its pixels. A triangle of no material is not drawn.
 __device__ __forceinline__ void prepare(const Shading& job, int64_t view, int32_t triangle, PreparedTriangle* out) {
   int32_t vertex[3];
   bool back;
-  out->fate = set_up_whole(job, view, triangle, &out->whole, vertex, &back);
-  if (out->fate == Fate::kWhole && !load_skin(job, triangle, vertex, back, &out->skin)) out->fate = Fate::kNothing;
+  set_up_whole(job, view, triangle, &out->whole, vertex, &back);
+  Fate* fate = &out->whole.fate;
+  if (*fate == Fate::kWhole && !load_skin(job, triangle, vertex, back, &out->skin)) *fate = Fate::kNothing;
 }
 
 // Whether a triangle has to be clipped.
@@ -159,10 +160,10 @@ __device__ __forceinline__ void weigh(const Shading& job, const WholeTriangle& t
   } else if constexpr (kFloatWeights) {
     const double w[3] = {t.w[0].value, t.w[1].value, t.w[2].value};
     edge_values(t, x, y, e);
-    whole_float_barycentrics((float)t.area.value, w, t.affine, e, b);
+    whole_float_barycentrics((float)t.area.value, w, t.affine != 0, e, b);
   } else {
     edge_values(t, x, y, e);
-    whole_barycentrics(t.area, t.w, t.affine, e, b);
+    whole_barycentrics(t.area, t.w, t.affine != 0, e, b);
   }
   for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
 }
