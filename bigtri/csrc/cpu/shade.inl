@@ -8,6 +8,7 @@
 #pragma once
 
 #include "attributes.inl"
+#include "texture.inl"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -217,75 +218,39 @@ void append_row(const ShadeJob& job, int64_t view, const int64_t* packed, int y,
 
 // Fragments are shaded this many at a time, in steps that each go through all of them: what one step stores number by
 // number, the next loads by vectors, which a processor can do fast only when the stores are done.
-constexpr int kTogether = 64;
+constexpr int kTogether = kLookups;
 
-// The texels around some fragments: where they are, what they hold, and how far the fragments lie from the first of them.
-struct Footprints {
-  int32_t x[2][kTogether], y[2][kTogether];
-  float tx[kTogether], ty[kTogether];
-  float texel[2][2][3][kTogether];  // by row, column, channel
-};
-
-// Fetches the texels of n fragments; of `sides` by `sides` texels each.
-template <class Source>
-BIGTRI_INLINE void fetch(const Source& source, int width, int n, int sides, Footprints* f) {
-  for (int i = 0; i < n; ++i)
-    for (int row = 0; row < sides; ++row) {
-      const int64_t first = (int64_t)f->y[row][i] * width;
-      for (int column = 0; column < sides; ++column) {
-        const int64_t texel = (first + f->x[column][i]) * 3;
-        for (int c = 0; c < 3; ++c) f->texel[row][column][c][i] = linear_at(source, texel + c);
-      }
-    }
+// Multiplies the albedo of n fragments by a texture. u, v: their coordinates.
+template <class Texels>
+BIGTRI_INLINE void multiply_texture(const Texels& texels, const Texture& t, const Look& look, const float* u,
+                                    const float* v, int n, float albedo[3][kTogether]) {
+  const Wrap wrap = look.bits & kLookClamp ? Wrap::kClamp : Wrap::kRepeat;
+  const Filter filter = look.bits & kLookNearest ? Filter::kNearest : Filter::kBilinear;
+  float texel[kTogether][4];
+  if (are_numbered(t.height, t.width, 3)) {
+    Lookups at;
+    find_texels<3>(t.height, t.width, u, v, n, filter, wrap, &at);
+    blend_texels<3>(texels, (int64_t)t.height * t.width * 3, at, n, filter,
+                    [&](int i, const f32x4& value) { store(texel[i], value); });
+  } else {
+    for (int i = 0; i < n; ++i) sample(texels, t.height, t.width, 3, u[i], v[i], filter, wrap, texel[i]);
+  }
+  for (int i = 0; i < n; i += 16) {
+    f32x16 channel[3];
+    load_triples(texel[i], channel);
+    for (int c = 0; c < 3; ++c) store(albedo[c] + i, load<f32x16>(albedo[c] + i) * channel[c]);
+  }
 }
 
-template <class Source>
-BIGTRI_INLINE void fetch_all(const Source& source, int width, int n, int sides, Footprints* f) {
-  if (sides == 1)
-    fetch(source, width, n, 1, f);
-  else
-    fetch(source, width, n, 2, f);
-}
-
-// Multiplies the albedo of n fragments by their texels. u, v: their coordinates.
 void apply_texture(const ShadeJob& job, const Look& look, const float* u, const float* v, int n,
                    float albedo[3][kTogether]) {
   const Texture& t = job.surface.textures[look.texture];
-  const Wrap wrap = look.bits & kLookClamp ? Wrap::kClamp : Wrap::kRepeat;
-  const bool nearest = look.bits & kLookNearest;
-  Footprints f;
-  for (int i = 0; i < n; i += 16) {
-    f32x16 at_u = load<f32x16>(u + i), at_v = load<f32x16>(v + i), tx, ty;
-    i32x16 x[2], y[2];
-    wrap_coordinates(&at_u, &at_v, wrap);
-    if (nearest) {
-      nearest_texel(t.height, t.width, at_u, at_v, x, y);
-    } else {
-      bilinear_texels(t.height, t.width, at_u, at_v, wrap, x, y, &tx, &ty);
-      store(f.tx + i, tx);
-      store(f.ty + i, ty);
-    }
-    for (int k = 0; k < (nearest ? 1 : 2); ++k) {
-      store(f.x[k] + i, x[k]);
-      store(f.y[k] + i, y[k]);
-    }
-  }
   if (t.kind == Texels::kCodes8)
-    fetch_all(CodedTexels<uint8_t>{(const uint8_t*)t.texels, job.decoded8}, t.width, n, nearest ? 1 : 2, &f);
+    multiply_texture(CodedTexels<uint8_t>{(const uint8_t*)t.texels, job.decoded8}, t, look, u, v, n, albedo);
   else if (t.kind == Texels::kCodes16)
-    fetch_all(CodedTexels<uint16_t>{(const uint16_t*)t.texels, job.decoded16}, t.width, n, nearest ? 1 : 2, &f);
+    multiply_texture(CodedTexels<uint16_t>{(const uint16_t*)t.texels, job.decoded16}, t, look, u, v, n, albedo);
   else
-    fetch_all((const float*)t.texels, t.width, n, nearest ? 1 : 2, &f);
-  for (int i = 0; i < n; i += 16)
-    for (int c = 0; c < 3; ++c) {
-      const auto at = [&](int row, int column) { return load<f32x16>(f.texel[row][column][c] + i); };
-      f32x16 texel = at(0, 0);
-      if (!nearest) {
-        const f32x16 of[2][2] = {{texel, at(0, 1)}, {at(1, 0), at(1, 1)}};
-        texel = bilinear(of, load<f32x16>(f.tx + i), load<f32x16>(f.ty + i));
-      }
-      store(albedo[c] + i, load<f32x16>(albedo[c] + i) * texel);
-    }
+    multiply_texture((const float*)t.texels, t, look, u, v, n, albedo);
 }
 
 // Writes n triples to their places in an image of three floats a sample, if there is one.

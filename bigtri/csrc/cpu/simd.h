@@ -480,6 +480,39 @@ BIGTRI_INLINE f32x8 depths_of(const i64x8& packed) {
   return r;
 }
 
+// Sixteen groups of four floats: out[c] takes element c of each. The fourth ones are left behind.
+BIGTRI_INLINE void load_triples(const float* from, f32x16 out[3]) {
+#if BIGTRI_SIMD >= 512
+  // Elements c and c + 1 of eight groups each, then of all sixteen.
+  const __m512i pairs = _mm512_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28, 1, 5, 9, 13, 17, 21, 25, 29);
+  const __m512i third = _mm512_add_epi32(pairs, _mm512_set1_epi32(2));
+  const __m512 a = _mm512_loadu_ps(from), b = _mm512_loadu_ps(from + 16), c = _mm512_loadu_ps(from + 32),
+               d = _mm512_loadu_ps(from + 48);
+  const __m512 low = _mm512_permutex2var_ps(a, pairs, b), high = _mm512_permutex2var_ps(c, pairs, d);
+  out[0].part[0] = (f32x16::Vector)_mm512_shuffle_f32x4(low, high, _MM_SHUFFLE(1, 0, 1, 0));
+  out[1].part[0] = (f32x16::Vector)_mm512_shuffle_f32x4(low, high, _MM_SHUFFLE(3, 2, 3, 2));
+  out[2].part[0] = (f32x16::Vector)_mm512_shuffle_f32x4(_mm512_permutex2var_ps(a, third, b),
+                                                        _mm512_permutex2var_ps(c, third, d), _MM_SHUFFLE(1, 0, 1, 0));
+#elif BIGTRI_SIMD >= 256
+  for (int i = 0; i < 2; ++i) {
+    __m256 both[4];  // group k in the lower half, group k + 4 in the upper one
+    for (int k = 0; k < 4; ++k)
+      both[k] = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(from + 32 * i + 4 * k)),
+                                     _mm_loadu_ps(from + 32 * i + 4 * (k + 4)), 1);
+    const __m256 low = _mm256_unpacklo_ps(both[0], both[1]), high = _mm256_unpacklo_ps(both[2], both[3]);
+    out[0].part[i] = (f32x16::Vector)_mm256_shuffle_ps(low, high, _MM_SHUFFLE(1, 0, 1, 0));
+    out[1].part[i] = (f32x16::Vector)_mm256_shuffle_ps(low, high, _MM_SHUFFLE(3, 2, 3, 2));
+    out[2].part[i] = (f32x16::Vector)_mm256_shuffle_ps(_mm256_unpackhi_ps(both[0], both[1]),
+                                                       _mm256_unpackhi_ps(both[2], both[3]), _MM_SHUFFLE(1, 0, 1, 0));
+  }
+#else
+  float element[3][16];
+  for (int i = 0; i < 16; ++i)
+    for (int c = 0; c < 3; ++c) element[c][i] = from[4 * i + c];
+  for (int c = 0; c < 3; ++c) out[c] = load<f32x16>(element[c]);
+#endif
+}
+
 // Streaming store: past the caches, for memory that is not read again soon. `to` is 64-byte aligned. Other threads see
 // it after a fence (StoreFence in thread_pool.cpp).
 BIGTRI_INLINE void stream(int64_t* to, const i64x8& v) {
