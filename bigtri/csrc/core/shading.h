@@ -67,11 +67,38 @@ BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds) {
   return (uint8_t)from;
 }
 
-inline void fill_srgb_table(const float thresholds[255], SrgbTable* table) {
-  for (int i = 0; i < 256; ++i) table->thresholds[i] = i < 255 ? thresholds[i] : kNotANumber;
-  for (int k = 0, from = 0; k <= kSrgbSteps; ++k) {
-    while (table->thresholds[from] <= (float)k / kSrgbSteps) ++from;
-    table->start[k] = (uint8_t)from;
+// The same with a single lookup, for a processor that has the cache for it: a table by the upper half of a float's bits,
+// from 2^-13, which is below all thresholds, to 1. Such a step is at most 1/128 of its value wide, and thresholds lie
+// further apart, 2.4 / 255 / 1.055 of their value or more, so that a step holds one of them at most.
+constexpr float kSrgbLeast = 1.0f / 8192;
+constexpr uint32_t kSrgbFirstStep = 0x3900, kSrgbLastStep = 0x3f80;  // the upper halves of 2^-13 and of 1
+struct SrgbSteps {
+  // Added to the bits of a value, of which it cancels the upper half, it gives 2^16 times the byte, and a remainder: the
+  // lower half of the bits is added to what it lacks from the step's threshold to 2^16.
+  uint32_t complement[kSrgbLastStep - kSrgbFirstStep + 1];
+};
+
+// v, brought to where the table has steps; to the least one if it is a NaN. F is float, or a vector of floats.
+template <class F>
+BIGTRI_HD F within_steps(const F& v) {
+  const F least = constant(kSrgbLeast, v), one = constant(1.0f, v);
+  return select(v > kSrgbLeast, select(v > 1.0f, one, v), least);
+}
+
+// The byte of a value within the steps.
+BIGTRI_HD uint8_t encode_step(float v, const SrgbSteps& table) {
+  const uint32_t bits = float_bits(v);
+  return (uint8_t)((table.complement[(bits >> 16) - kSrgbFirstStep] + bits) >> 16);
+}
+
+BIGTRI_HD uint8_t encode_srgb(float v, const SrgbSteps& table) { return encode_step(within_steps(v), table); }
+
+inline void fill_srgb_steps(const float thresholds[255], SrgbSteps* table) {
+  for (uint32_t step = kSrgbFirstStep, from = 0; step <= kSrgbLastStep; ++step) {
+    while (from < 255 && thresholds[from] <= bits_float(step << 16)) ++from;
+    const bool holds = from < 255 && float_bits(thresholds[from]) >> 16 == step;
+    const uint32_t lack = holds ? ((step + 1) << 16) - float_bits(thresholds[from]) : 0;
+    table->complement[step - kSrgbFirstStep] = (from << 16) + lack - (step << 16);
   }
 }
 

@@ -20,6 +20,14 @@ enum { kUv = 0, kColor = 2, kNormal = 5, kChannels = 8 };
 // Where a triangle's normals come from.
 enum class Normals { kZero, kFace, kSmooth };
 
+// A record over the whole image. e_k at pixel (x, y) is origin[k] + step_x[k] * x + step_y[k] * y: integers below 2^53,
+// so float64 is exact.
+struct Planes {
+  double origin[3], step_x[3], step_y[3];
+  double least[3];  // the record covers the samples where e_k >= least[k] for all k
+  double share[3];  // about 1 / (area * w[k]); where all w are equal, about 1 / area
+};
+
 // A triangle that is ready to be shaded.
 struct Shaded {
   int64_t key;  // view << 32 | triangle; -1: none
@@ -32,10 +40,7 @@ struct Shaded {
   float value[kChannels][3];  // at the corners that barycentric 0, 1, 2 belong to
   float face[3];
   ParentOf<1> parent;  // if not clipped
-  // For weights by FastDivisor, if not clipped. e_k at pixel (x, y) is origin[k] + step_x[k] * x + step_y[k] * y: integers
-  // below 2^53, so float64 is exact.
-  double origin[3], step_x[3], step_y[3];
-  FastDivisor<double> area, w[3];
+  Planes planes;  // if not clipped
 };
 
 constexpr int kFragments = 1024;  // after which a list is shaded
@@ -60,6 +65,7 @@ struct ShadeScratch {
   Shaded shaded[1 << kShadedBits];
   int64_t clipped_key;  // what `clipped` holds
   Parent clipped;
+  Planes clipped_planes[kMaxSubTriangles];
 };
 static_assert(sizeof(ShadeScratch) <= kShadeScratchBytes, "scratch");
 
@@ -71,6 +77,59 @@ void shade_begin(void* memory) {
 }
 
 constexpr bool kFastWeights = !kTestsRows && kAttributeRule == AttributeRule::kFloat64;
+
+template <int kRecords>
+void set_planes(const ParentOf<kRecords>& parent, int record, Planes* out) {
+  const Primitive& p = parent.primitive[record];
+  for (int k = 0; k < 3; ++k) {
+    const Edge edge = edge_of(p.x, p.y, k);
+    out->origin[k] = edge_at(p, k, 0, 0);
+    out->step_x[k] = -(double)kSubpixel * edge.dy;
+    out->step_y[k] = (double)kSubpixel * edge.dx;
+    out->least[k] = -(double)edge_bias(edge);
+    out->share[k] = 1.0 / (parent.affine ? (double)p.area : (double)p.area * parent.w[record][k]);
+  }
+}
+
+// The edge values of eight pixels of row y from x on.
+BIGTRI_INLINE void edges_of_eight(const Planes& of, int y, int x, f64x8 e[3]) {
+  const f64x8 column = load<f64x8>(kLaneDouble) + (double)x;
+  for (int k = 0; k < 3; ++k) e[k] = (of.origin[k] + of.step_y[k] * y) + column * of.step_x[k];
+}
+
+// Rounds what `barycentrics` gives to float32, for n pixels with edge values e; the others' weights mean nothing.
+//
+// It multiplies by reciprocals where barycentrics divides. With edge values that are not negative, as weights of slots
+// never are (cut_weight), nothing cancels, and rounding 30 times at most, here and there together, moves a result by less
+// than 2^-48 of it.
+// Rounding to float32 is monotone, so where both ends of an interval around the result go to the same float32, that of
+// barycentrics goes there too. Where they do not, in one of millions of pixels, it divides.
+template <int kRecords>
+BIGTRI_INLINE void weigh_quickly(const ParentOf<kRecords>& parent, int record, const Planes& planes, const f64x8 e[3],
+                                 int n, f32x8 weight[3]) {
+  f64x8 b[3];
+  for (int k = 0; k < 3; ++k) b[k] = e[k] * planes.share[k];
+  if (parent.clipped) {
+    const double (*t)[3] = parent.weights[record];
+    const f64x8 u0 = b[0], u1 = b[1], u2 = b[2];
+    for (int m = 0; m < 3; ++m) b[m] = (u0 * t[0][m] + u1 * t[1][m]) + u2 * t[2][m];
+  }
+  if (!parent.affine) {
+    const f64x8 inverse = 1.0 / ((b[0] + b[1]) + b[2]);
+    for (int k = 0; k < 3; ++k) b[k] = b[k] * inverse;
+  }
+  f32x8 upper[3];
+  for (int k = 0; k < 3; ++k) {
+    const f64x8 error = b[k] * (1.0 / (1ll << 48));
+    weight[k] = to_float(b[k] - error);
+    upper[k] = to_float(b[k] + error);
+  }
+  const i32x8 sure = (weight[0] == upper[0]) & (weight[1] == upper[1]) & (weight[2] == upper[2]);
+  const uint32_t doubtful = ~sign_mask(sure) | sign_mask(e[0]) | sign_mask(e[1]) | sign_mask(e[2]);
+  if ((doubtful & ((1u << n) - 1)) == 0) return;
+  barycentrics(parent, record, e, b);
+  for (int k = 0; k < 3; ++k) weight[k] = to_float(b[k]);
+}
 
 // Sets the attributes at the corners that the weights belong to: corner[k] of the triangle.
 BIGTRI_INLINE void load_corners(const Surface& f, const int32_t* vertex, const int corner[3], Shaded* out) {
@@ -116,6 +175,8 @@ void prepare(const ShadeJob& job, int64_t view, int64_t triangle, ShadeScratch* 
     expand_parent(v, projected, whole, &s->clipped);
     s->clipped_key = out->key;
     out->drawn = s->clipped.count > 0;
+    if constexpr (kFastWeights)
+      for (int i = 0; i < s->clipped.count; ++i) set_planes(s->clipped, i, &s->clipped_planes[i]);
     const int corner[3] = {s->clipped.first, (s->clipped.first + 1) % 3, (s->clipped.first + 2) % 3};
     if (out->drawn) load_corners(f, vertex, corner, out);
     return;
@@ -124,16 +185,7 @@ void prepare(const ShadeJob& job, int64_t view, int64_t triangle, ShadeScratch* 
   if (!out->drawn) return;
   const Primitive& p = out->parent.primitive[0];
   load_corners(f, vertex, p.order, out);
-  if constexpr (kFastWeights) {
-    out->area = fast_divisor((double)p.area);
-    for (int k = 0; k < 3; ++k) {
-      const Edge edge = edge_of(p.x, p.y, k);
-      out->origin[k] = edge_at(p, k, 0, 0);
-      out->step_x[k] = -(double)kSubpixel * edge.dy;
-      out->step_y[k] = (double)kSubpixel * edge.dx;
-      out->w[k] = fast_divisor(out->parent.w[0][k]);
-    }
-  }
+  if constexpr (kFastWeights) set_planes(out->parent, 0, &out->planes);
 }
 
 // Appends n fragments of a triangle, whose weights these are.
@@ -156,51 +208,64 @@ BIGTRI_INLINE void append(const Shaded& t, const f32x8 weight[3], int at, int n,
   s->count += n;
 }
 
+// The clipped triangle's first record that covers pixel (x, y), -1 if none does; how many of n <= 8 pixels from there on it
+// covers first, or none does; and the edge values, if there is a record.
+BIGTRI_INLINE int first_record(const ShadeScratch& s, int y, int x, int n, int* same, f64x8 e[3]) {
+  uint32_t left = (1u << n) - 1;  // bit i: no record so far covers pixel x + i
+  for (int record = 0; record < s.clipped.count; ++record) {
+    const Planes& planes = s.clipped_planes[record];
+    edges_of_eight(planes, y, x, e);
+    uint32_t outside = 0;
+    for (int k = 0; k < 3; ++k) outside |= sign_mask(e[k] - planes.least[k]);
+    if (left & ~outside & 1) {
+      *same = __builtin_ctz(~left | outside | 1u << n);
+      return record;
+    }
+    left &= outside;
+  }
+  *same = __builtin_ctz(~left);
+  return -1;
+}
+
 // The pixels [x, x + n) of row y, all of one triangle; `at` is the place of the first.
 void append_run(const ShadeJob& job, Shaded* t, int y, int x, int n, int at, ShadeScratch* s) {
   if (s->segments == 0 || s->segment[s->segments - 1].base != t->base)
     s->segment[s->segments++] = {s->count, t->base, t->look};
+  // Another clipped triangle may have been set up since.
+  if (t->clipped && s->clipped_key != t->key) prepare(job, t->key >> 32, t->key & 0xffffffff, s, t);
   f32x8 weight[3];
+  f64x8 e[3];
   bool covered[8];
-  if (t->clipped) {
-    // Another clipped triangle may have been set up since.
-    if (s->clipped_key != t->key) prepare(job, t->key >> 32, t->key & 0xffffffff, s, t);
-    RowRecord row;
-    for (int i = 0, same; i < n; i += same) {
-      const int record = covering_record(s->clipped, x + i, y);
-      for (same = 1; same < 8 && i + same < n && covering_record(s->clipped, x + i + same, y) == record;) ++same;
+  RowRecord row;
+  if constexpr (!kFastWeights)
+    if (!t->clipped) begin_edges(t->parent, 0, y, &row);
+  for (int i = 0, some; i < n; i += some) {
+    some = min_of(8, n - i);
+    if (t->clipped) {
       for (int k = 0; k < 3; ++k) weight[k] = splat<f32x8>(0.0f);
-      if (record >= 0) {
-        if (record != row.record) begin_edges(s->clipped, record, y, &row);
-        weigh_eight(job.width, job.height, s->clipped, row, x + i, same, weight, covered);
+      if constexpr (kFastWeights) {
+        const int record = first_record(*s, y, x + i, some, &some, e);
+        if (record >= 0) weigh_quickly(s->clipped, record, s->clipped_planes[record], e, some, weight);
+      } else {
+        const int record = covering_record(s->clipped, x + i, y), most = some;
+        for (some = 1; some < most && covering_record(s->clipped, x + i + some, y) == record;) ++some;
+        if (record >= 0 && record != row.record) begin_edges(s->clipped, record, y, &row);
+        if (record >= 0) weigh_eight(job.width, job.height, s->clipped, row, x + i, some, weight, covered);
       }
-      append(*t, weight, at + i, same, s);
+    } else if constexpr (kFastWeights) {
+      edges_of_eight(t->planes, y, x + i, e);
+      weigh_quickly(t->parent, 0, t->planes, e, some, weight);
+    } else {
+      weigh_eight(job.width, job.height, t->parent, row, x + i, some, weight, covered);
     }
-    return;
-  }
-  if constexpr (kFastWeights) {
-    double start[3];
-    for (int k = 0; k < 3; ++k) start[k] = t->origin[k] + t->step_y[k] * y;
-    for (int i = 0; i < n; i += 8) {
-      f64x8 e[3], b[3];
-      for (int k = 0; k < 3; ++k) e[k] = start[k] + (load<f64x8>(kLaneDouble) + (double)(x + i)) * t->step_x[k];
-      whole_barycentrics(t->area, t->w, t->parent.affine, e, b);
-      for (int k = 0; k < 3; ++k) weight[k] = to_float(b[k]);
-      append(*t, weight, at + i, min_of(8, n - i), s);
-    }
-  } else {
-    RowRecord row;
-    begin_edges(t->parent, 0, y, &row);
-    for (int i = 0; i < n; i += 8) {
-      weigh_eight(job.width, job.height, t->parent, row, x + i, min_of(8, n - i), weight, covered);
-      append(*t, weight, at + i, min_of(8, n - i), s);
-    }
+    append(*t, weight, at + i, some, s);
   }
 }
 
-// Appends the fragments of n samples of a row. covered[i]: whether sample i has one.
-void append_row(const ShadeJob& job, int64_t view, const int64_t* packed, int y, int x, int n, int at, bool* covered,
-                ShadeScratch* s) {
+// Appends the fragments of n samples of a row. empty(i, n): samples [i, i + n) have none.
+template <class Empty>
+BIGTRI_INLINE void append_row(const ShadeJob& job, int64_t view, const int64_t* packed, int y, int x, int n, int at,
+                              ShadeScratch* s, const Empty& empty) {
   for (int i = 0, end; i < n; i = end) {
     const uint32_t triangle = (uint32_t)packed[i];
     for (end = i + 1; end < n && (uint32_t)packed[end] == triangle;) ++end;
@@ -210,9 +275,10 @@ void append_row(const ShadeJob& job, int64_t view, const int64_t* packed, int y,
       t = s->shaded + (triangle & ((1 << kShadedBits) - 1));
       if (t->key != (view << 32 | (int64_t)triangle)) prepare(job, view, triangle, s, t);
     }
-    const bool drawn = t && t->drawn;
-    if (covered) __builtin_memset(covered + i, drawn, (size_t)(end - i));
-    if (drawn) append_run(job, t, y, x + i, end - i, at + i, s);
+    if (t && t->drawn)
+      append_run(job, t, y, x + i, end - i, at + i, s);
+    else
+      empty(i, end - i);
   }
 }
 
@@ -259,24 +325,14 @@ BIGTRI_INLINE void scatter(float* image, const int32_t* at, int n, const float o
     for (int c = 0; c < 3; ++c) image[3 * (int64_t)at[i] + c] = of[c][i];
 }
 
-// Writes the sRGB codes of n colours to their pixels.
-BIGTRI_INLINE void encode_pixels(const ShadeJob& job, uint8_t* image, const int32_t* at, int n,
-                                 const float of[3][kTogether]) {
-  const SrgbTable& table = *job.srgb;
-  int32_t step[3][kTogether];
-  for (int i = 0; i < n; i += 16)
-    for (int c = 0; c < 3; ++c) {
-      const f32x16 v = load<f32x16>(of[c] + i), one = splat<f32x16>(1.0f);
-      const f32x16 inside = select(v > 0.0f, select(v > one, one, v), splat<f32x16>(0.0f));
-      store(step[c] + i, to_int(inside * (float)kSrgbSteps));
-    }
+// Writes the sRGB codes of n colours to their pixels. linear: the colours, within the table's steps.
+template <int kChannels>
+BIGTRI_INLINE void encode_pixels(const SrgbSteps& table, uint8_t* image, const int32_t* at, int n,
+                                 const float linear[3][kTogether]) {
   for (int i = 0; i < n; ++i) {
-    uint8_t* pixel = image + job.channels * (int64_t)at[i];
-    for (int c = 0; c < 3; ++c) {
-      const int from = table.start[step[c][i]];
-      pixel[c] = (uint8_t)(from + (table.thresholds[from] <= of[c][i]));
-    }
-    if (job.channels == 4) pixel[3] = 255;
+    uint8_t* pixel = image + kChannels * (int64_t)at[i];
+    for (int c = 0; c < 3; ++c) pixel[c] = encode_step(linear[c][i], table);
+    if (kChannels == 4) pixel[3] = 255;
   }
 }
 
@@ -291,7 +347,7 @@ void shade_together(const ShadeJob& job, const Targets& to, const Segment& segme
                     const ShadeScratch& s) {
   const Surface& f = job.surface;
   const int32_t* at = s.at + i;
-  float albedo[3][kTogether], normal[3][kTogether], linear[3][kTogether];
+  float albedo[3][kTogether], normal[3][kTogether], linear[3][kTogether], encoded[3][kTogether];
   for (int k = 0; k < n; k += 16)
     for (int c = 0; c < 3; ++c) store(albedo[c] + k, splat<f32x16>(segment.base[c]));
   if (segment.look.texture >= 0)
@@ -308,12 +364,16 @@ void shade_together(const ShadeJob& job, const Targets& to, const Segment& segme
       store(albedo[c] + k, base[c]);
       store(normal[c] + k, direction[c]);
       store(linear[c] + k, lit[c]);
+      store(encoded[c] + k, within_steps(lit[c]));
     }
   }
   scatter(to.albedo, at, n, albedo);
   scatter(to.normals, at, n, normal);
   scatter(to.linear, at, n, linear);
-  if (to.image) encode_pixels(job, to.image, at, n, linear);
+  if (to.image && job.channels == 4)
+    encode_pixels<4>(*job.srgb, to.image, at, n, encoded);
+  else if (to.image)
+    encode_pixels<3>(*job.srgb, to.image, at, n, encoded);
 }
 
 // Shades all fragments of the lists, and empties them.
@@ -332,20 +392,31 @@ BIGTRI_INLINE void fill(float* to, int n, const float color[3]) {
   for (int i = 0; to && i < 3 * n; ++i) to[i] = color[i % 3];
 }
 
+// kBin pixels of one colour, to copy from.
+struct Plain {
+  const uint8_t* color = nullptr;
+  alignas(64) uint8_t bytes[4 * kBin];
+};
+
+BIGTRI_INLINE void make_plain(const uint8_t color[4], int channels, Plain* plain) {
+  if (plain->color && __builtin_memcmp(plain->color, color, 4) == 0) return;
+  plain->color = color;
+  // Of three bytes a pixel the fourth is the next pixel's.
+  for (int i = 0; i < 8; ++i) __builtin_memcpy(plain->bytes + channels * i, color, 4);
+  for (int i = 8 * channels; i < channels * kBin; i *= 2) __builtin_memcpy(plain->bytes + i, plain->bytes, (size_t)i);
+}
+
 // n pixels of one colour. Around the caches where the pictures do not fit them.
-void fill_pixels(const ShadeJob& job, uint8_t* to, int n, const uint8_t color[4]) {
-  // 24 bytes are whole pixels of three channels and of four, and 192 are whole cache lines besides.
-  constexpr int kPiece = 192;
-  uint8_t piece[kPiece];
-  for (int i = 0; i < 24; ++i) piece[i] = color[i % job.channels];
-  for (int i = 24; i < kPiece; i *= 2) __builtin_memcpy(piece + i, piece, (size_t)i);
-  const int bytes = n * job.channels;
+void fill_pixels(const ShadeJob& job, uint8_t* to, int n, const Plain& plain) {
+  // Whole cache lines, of three channels and of four.
+  const int piece = kBin * job.channels, bytes = n * job.channels;
   int i = 0;
   if (job.streams && ((uintptr_t)to & 63) == 0)
-    for (; i + kPiece <= bytes; i += kPiece)
-      for (int k = 0; k < kPiece; k += 64) stream((int64_t*)(to + i + k), load<i64x8>((const int64_t*)(piece + k)));
-  for (; i + kPiece <= bytes; i += kPiece) __builtin_memcpy(to + i, piece, kPiece);
-  __builtin_memcpy(to + i, piece, (size_t)(bytes - i));
+    for (; i + piece <= bytes; i += piece)
+      for (int k = 0; k < piece; k += 64)
+        stream((int64_t*)(to + i + k), load<i64x8>((const int64_t*)(plain.bytes + k)));
+  for (; i + piece <= bytes; i += piece) __builtin_memcpy(to + i, plain.bytes, (size_t)piece);
+  __builtin_memcpy(to + i, plain.bytes, (size_t)(bytes - i));
 }
 
 // Fills rows [y, y + height) of samples of the outputs that have a value for each sample.
@@ -369,18 +440,26 @@ BIGTRI_INLINE uint8_t* pixel_at(const ShadeJob& job, int64_t view, int x, int y)
 void shade_background(const ShadeJob& job, int64_t view, int x, int y, int width, int height) {
   const int n = job.samples;
   if (job.albedo || job.normals || job.linear) fill_samples(job, view, x, y, width, height);
-  for (int row = y / n; row < (y + height) / n; ++row)
-    fill_pixels(job, pixel_at(job, view, x / n, row), width / n, job.background + 4 * row);
+  Plain plain;
+  for (int row = y / n; row < (y + height) / n; ++row) {
+    make_plain(job.background + 4 * row, job.channels, &plain);
+    fill_pixels(job, pixel_at(job, view, x / n, row), width / n, plain);
+  }
 }
 
-// A sample a pixel: the background of the whole block first, then fragments over it.
+// A sample a pixel: fragments, and the background where there are none.
 void shade_pixels(const ShadeJob& job, const ShadeBlock& b, ShadeScratch* s) {
-  shade_background(job, b.view, b.x, b.y, b.width, b.height);
+  if (job.albedo || job.normals || job.linear) fill_samples(job, b.view, b.x, b.y, b.width, b.height);
   const int64_t first = (b.view * job.height + b.y) * job.width + b.x;
   const auto image = [&](float* of) { return of ? of + 3 * first : nullptr; };
   const Targets to = {job.image + job.channels * first, image(job.albedo), image(job.normals), image(job.linear)};
+  Plain plain;
   for (int j = 0; j < b.height; ++j) {
-    append_row(job, b.view, b.packed + j * b.pitch, b.y + j, b.x, b.width, j * job.width, nullptr, s);
+    uint8_t* row = to.image + (int64_t)job.channels * j * job.width;
+    append_row(job, b.view, b.packed + j * b.pitch, b.y + j, b.x, b.width, j * job.width, s, [&](int i, int n) {
+      make_plain(job.background + 4 * (b.y + j), job.channels, &plain);
+      fill_pixels(job, row + job.channels * i, n, plain);
+    });
     if (s->count > kFragments) shade_fragments(job, to, s);
   }
   shade_fragments(job, to, s);
@@ -399,7 +478,9 @@ void shade_samples(const ShadeJob& job, const ShadeBlock& b, ShadeScratch* s) {
       // A pixel may be wider than a block.
       for (int x = 0; x < b.width; x += kBin) {
         const int some = min_of(kBin, b.width - x);
-        append_row(job, b.view, b.packed + j * b.pitch + x, b.y + j, b.x + x, some, 0, s->covered, s);
+        __builtin_memset(s->covered, true, (size_t)some);
+        append_row(job, b.view, b.packed + j * b.pitch + x, b.y + j, b.x + x, some, 0, s,
+                   [&](int i, int n) { __builtin_memset(s->covered + i, false, (size_t)n); });
         const int64_t first = 3 * ((b.view * job.height + b.y + j) * job.width + b.x + x);
         const auto image = [&](float* of) { return of ? of + first : nullptr; };
         float linear[3 * kBin];

@@ -112,52 +112,6 @@ BIGTRI_INLINE f32x8 fused(const f32x8& a, const f32x8& b, const f32x8& c) {
 }
 #endif
 
-// A divisor of many quotients: correctly rounded as divisions are, but three times as fast with AVX2 and AVX-512, where
-// Markstein's theorem serves as it does on the GPU (Divisor in core/numerics.h). T is double, or a vector of doubles.
-template <class T>
-struct FastDivisor {
-  T value, inverse;
-};
-#if BIGTRI_SIMD >= 256
-template <class T>
-BIGTRI_INLINE FastDivisor<T> fast_divisor(const T& v) {
-  return {v, 1.0 / v};
-}
-
-// a * b + c, rounded once.
-BIGTRI_INLINE f64x8 multiply_add(const f64x8& a, const f64x8& b, const f64x8& c) {
-  f64x8 r;
-#if BIGTRI_SIMD >= 512
-  r.part[0] = (f64x8::Vector)_mm512_fmadd_pd((__m512d)a.part[0], (__m512d)b.part[0], (__m512d)c.part[0]);
-#else
-  for (int i = 0; i < 2; ++i)
-    r.part[i] = (f64x8::Vector)_mm256_fmadd_pd((__m256d)a.part[i], (__m256d)b.part[i], (__m256d)c.part[i]);
-#endif
-  return r;
-}
-BIGTRI_INLINE f64x8 lanes_of(double v) { return splat<f64x8>(v); }
-BIGTRI_INLINE const f64x8& lanes_of(const f64x8& v) { return v; }
-
-template <class T>
-BIGTRI_INLINE f64x8 quotient(const f64x8& v, const FastDivisor<T>& by) {
-  const f64x8 negated = lanes_of(-1.0 * by.value), inverse = lanes_of(by.inverse);
-  f64x8 q = v * inverse;
-  q = multiply_add(multiply_add(negated, q, v), inverse, q);
-  return multiply_add(multiply_add(negated, q, v), inverse, q);
-}
-#else
-template <class T>
-BIGTRI_INLINE FastDivisor<T> fast_divisor(const T& v) {
-  return {v, v};
-}
-template <class T>
-BIGTRI_INLINE f64x8 quotient(const f64x8& v, const FastDivisor<T>& by) {
-  return v / by.value;
-}
-#endif
-// divisor_like (core/attributes.h) of a vector.
-BIGTRI_INLINE FastDivisor<f64x8> divisor_like(const f64x8& v, const FastDivisor<double>&) { return fast_divisor(v); }
-
 // reciprocal (core/attributes.h) of each.
 BIGTRI_INLINE f32x8 reciprocal(const f32x8& v) {
   f32x8 start;
@@ -255,6 +209,18 @@ BIGTRI_INLINE uint32_t sign_mask(const Lanes<int32_t, N>& v) {
     mask |= some << (i * v.kWidth);
   }
   return mask;
+}
+
+BIGTRI_INLINE uint32_t sign_mask(const f64x8& v) {
+#if BIGTRI_SIMD >= 512
+  return _mm512_movepi64_mask((__m512i)v.part[0]);
+#elif BIGTRI_SIMD >= 256
+  return (uint32_t)(_mm256_movemask_pd((__m256d)v.part[0]) | _mm256_movemask_pd((__m256d)v.part[1]) << 4);
+#else
+  uint32_t mask = 0;
+  for (int i = 0; i < 8; ++i) mask |= (uint32_t)(double_bits(v[i]) >> 63) << i;
+  return mask;
+#endif
 }
 
 // Bit i: a[i] > b[i]. False for a NaN.

@@ -42,9 +42,13 @@ void find_texels(int height, int width, const float* u, const float* v, int n, F
       store(to->tx + i, tx);
       store(to->ty + i, ty);
     }
-    for (int row = 0; row < (nearest ? 1 : 2); ++row)
-      for (int column = 0; column < (nearest ? 1 : 2); ++column)
-        store(to->value[row][column] + i, (y[row] * width + x[column]) * kChannels);
+    const int sides = nearest ? 1 : 2;
+    for (int k = 0; k < sides; ++k) {
+      x[k] = x[k] * kChannels;
+      y[k] = y[k] * (kChannels * width);
+    }
+    for (int row = 0; row < sides; ++row)
+      for (int column = 0; column < sides; ++column) store(to->value[row][column] + i, y[row] + x[column]);
   }
 }
 
