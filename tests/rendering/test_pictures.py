@@ -144,6 +144,31 @@ def test_a_view_that_takes_several_passes(samples, records, candidates):
                 assert one.tobytes() == two.tobytes()
 
 
+@needs_native
+def test_weights_in_the_middle_of_two_floats():
+    """Edge values over an area of 2^40: some quotients lie exactly between two float32, where only the law of bits decides."""
+    side = 64
+    x0, y0 = -50 * 256, -50 * 256  # 1/256 px
+    corners = np.array([(x0, y0), (x0 + 2**20 - 1, y0 + 1), (x0 - 1, y0 + 2**20 + 1)])
+    centre = 256 * np.arange(side) + 128
+    # The edge from corner 0 to corner 1, whose value is the weight of corner 2.
+    quotient = ((2**20 - 1) * (centre[:, None] - y0) - (centre[None] - x0)) / 2**40
+    nearest = quotient.astype(np.float32)
+    assert (2 * np.abs(quotient - nearest) == np.spacing(nearest)).any()
+    x, y = (corners / 256 - side / 2).T / (side / 2)
+    positions = np.stack([x, -y, np.zeros(3)], axis=1).astype(np.float32)
+    colors = np.random.default_rng(0).random((3, 3)).astype(np.float32)
+    scene = Scene(positions, np.array([[0, 1, 2]], np.int32), colors=colors, materials=(Material(vertex_colors=True),))
+    cameras, size = [Camera.from_matrix(np.eye(4))], (side, side)
+    surface = scene.on("cpu").surface(EVERYTHING, scene.background)
+    expected = drawing(scene, cameras, size, surface, "reference")
+    assert np.isfinite(expected[-1]).all()
+    for isa in ISAS:
+        with native.using_isa(isa):
+            for one, two in zip(expected, drawing(scene, cameras, size, surface, "native"), strict=True):
+                assert one.tobytes() == two.tobytes()
+
+
 @pytest.mark.parametrize("backend", ["reference", pytest.param("native", marks=needs_native)])
 def test_every_effect_compiled_in_changes_nothing(backend):
     for seed in range(8):

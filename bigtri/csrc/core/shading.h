@@ -14,7 +14,9 @@ BIGTRI_HD void lambert(const F normal[3], const F albedo[3], const float ambient
   const F s = (normal[0] * normal[0] + normal[1] * normal[1]) + normal[2] * normal[2], length = square_root(s);
   F n[3], c[3];
   for (int i = 0; i < 3; ++i) {
-    n[i] = select((s > 0.0f) & (s < kInfinity), normal[i] / length, constant(0.0f, s));
+    // Where s is an infinity, each n[i] is 0 or a NaN, and so is `facing`, which is not above 0 then: no light counts, as
+    // with the normal (0, 0, 0).
+    n[i] = select(s > 0.0f, normal[i] / length, constant(0.0f, s));
     c[i] = constant(ambient[i], s);
   }
   for (int64_t l = 0; l < lights; ++l) {
@@ -73,9 +75,10 @@ BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds) {
 constexpr float kSrgbLeast = 1.0f / 8192;
 constexpr uint32_t kSrgbFirstStep = 0x3900, kSrgbLastStep = 0x3f80;  // the upper halves of 2^-13 and of 1
 struct SrgbSteps {
-  // Added to the bits of a value, of which it cancels the upper half, it gives 2^16 times the byte, and a remainder: the
-  // lower half of the bits is added to what it lacks from the step's threshold to 2^16.
-  uint32_t complement[kSrgbLastStep - kSrgbFirstStep + 1];
+  // Of each step, 2^16 times the byte of its first value. Where it holds a threshold, what the lower half of that one's
+  // bits lacks to 2^16 is added: with the lower half of a value's bits it carries into the byte from the threshold on. The
+  // upper half of the bits is subtracted beforehand, so that all of a value's bits can be added. Modulo 2^32.
+  uint32_t byte[kSrgbLastStep - kSrgbFirstStep + 1];
 };
 
 // v, brought to where the table has steps; to the least one if it is a NaN. F is float, or a vector of floats.
@@ -88,7 +91,7 @@ BIGTRI_HD F within_steps(const F& v) {
 // The byte of a value within the steps.
 BIGTRI_HD uint8_t encode_step(float v, const SrgbSteps& table) {
   const uint32_t bits = float_bits(v);
-  return (uint8_t)((table.complement[(bits >> 16) - kSrgbFirstStep] + bits) >> 16);
+  return (uint8_t)((table.byte[(bits >> 16) - kSrgbFirstStep] + bits) >> 16);
 }
 
 BIGTRI_HD uint8_t encode_srgb(float v, const SrgbSteps& table) { return encode_step(within_steps(v), table); }
@@ -98,7 +101,7 @@ inline void fill_srgb_steps(const float thresholds[255], SrgbSteps* table) {
     while (from < 255 && thresholds[from] <= bits_float(step << 16)) ++from;
     const bool holds = from < 255 && float_bits(thresholds[from]) >> 16 == step;
     const uint32_t lack = holds ? ((step + 1) << 16) - float_bits(thresholds[from]) : 0;
-    table->complement[step - kSrgbFirstStep] = (from << 16) + lack - (step << 16);
+    table->byte[step - kSrgbFirstStep] = (from << 16) + lack - (step << 16);
   }
 }
 
