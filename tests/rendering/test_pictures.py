@@ -169,6 +169,23 @@ def test_weights_in_the_middle_of_two_floats():
                 assert one.tobytes() == two.tobytes()
 
 
+@needs_native
+def test_a_texture_whose_values_32_bits_do_not_number():
+    """It is looked up as a small one is: everything is at the last texel, and the others take no memory."""
+    texture = np.zeros((2**14 + 1, 2**16, 3), np.uint8)
+    texture[-1, -1] = 50, 100, 150
+    small = np.ascontiguousarray(texture[-1:, -1:])
+    positions = np.array([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], np.float32)
+    look = Material(texture=small, wrap="clamp")
+    scene = Scene(positions, np.array([[0, 1, 2]], np.int32), uvs=np.tile(np.float32([1, 0]), (3, 1)), materials=(look,))
+    surface = scene.on("cpu").surface(EVERYTHING, scene.background)
+    huge = surface._replace(textures=(torch.from_numpy(texture),))
+    expected, drawn = (drawing(scene, [Camera.from_matrix(np.eye(4))], (20, 30), s, "native") for s in (surface, huge))
+    assert len(np.unique(expected[0].reshape(-1, 3), axis=0)) > 1
+    for one, two in zip(expected, drawn, strict=True):
+        assert one.tobytes() == two.tobytes()
+
+
 @pytest.mark.parametrize("backend", ["reference", pytest.param("native", marks=needs_native)])
 def test_every_effect_compiled_in_changes_nothing(backend):
     for seed in range(8):

@@ -415,7 +415,8 @@ void fill_pixels(const ShadeJob& job, uint8_t* to, int n, const Plain& plain) {
     for (; i + piece <= bytes; i += piece)
       for (int k = 0; k < piece; k += 64)
         stream((int64_t*)(to + i + k), load<i64x8>((const int64_t*)(plain.bytes + k)));
-  for (; i + piece <= bytes; i += piece) __builtin_memcpy(to + i, plain.bytes, (size_t)piece);
+  for (; i + piece <= bytes; i += piece)
+    for (int k = 0; k < piece; k += 64) __builtin_memcpy(to + i + k, plain.bytes + k, 64);
   __builtin_memcpy(to + i, plain.bytes, (size_t)(bytes - i));
 }
 

@@ -164,6 +164,27 @@ BIGTRI_INLINE Lanes<float, N> square_root(const Lanes<float, N>& v) {
   return r;
 }
 
+#if BIGTRI_SIMD >= 256
+// floor_any and floor_small (core/texture.h) of each.
+template <int N>
+BIGTRI_INLINE Lanes<float, N> floor_any(const Lanes<float, N>& v) {
+  Lanes<float, N> r;
+  for (int i = 0; i < r.kParts; ++i) {
+#if BIGTRI_SIMD >= 512
+    if constexpr (Lanes<float, N>::kWidth == 16)
+      r.part[i] = (typename Lanes<float, N>::Vector)_mm512_roundscale_ps((__m512)v.part[i], _MM_FROUND_TO_NEG_INF);
+    else
+#endif
+      r.part[i] = (typename Lanes<float, N>::Vector)_mm256_floor_ps((__m256)v.part[i]);
+  }
+  return r;
+}
+template <int N>
+BIGTRI_INLINE Lanes<float, N> floor_small(const Lanes<float, N>& v) {
+  return floor_any(v);
+}
+#endif
+
 // inner_part and share_of (core/attributes.h) of each.
 BIGTRI_INLINE f64x8 inner_part(const f64x8& u, const f64x8& turn) {
   const f64x8 none = splat<f64x8>(0.0), towards = select<double, 8>(turn < 0.0, none - u, u);
