@@ -136,6 +136,18 @@ def picture_of(seed: int, resolution: tuple[int, int], views: int = 1, count: in
     return Picture(positions, triangles, surface_of(rng, positions.shape[1], len(triangles), **settings), resolution, **options)
 
 
+def of_shared_vertices(seed: int, resolution: tuple[int, int], views: int) -> Picture:
+    """Many triangles of few vertices, which are projected once."""
+    picture = picture_of(seed, resolution, views, count=20)
+    corners = np.random.default_rng(seed).integers(0, 60, (len(picture.triangles), 3)).astype(np.int32)
+    vertices = picture.positions[:, :60].contiguous()
+    of_vertices = {name: getattr(picture.surface, name)[:60].contiguous() for name in ("uvs", "colors", "normals")}
+    triangles = torch.from_numpy(np.tile(corners, (3, 1)))
+    material, face_normals = picture.surface.material.repeat(3), picture.surface.face_normals.repeat(3, 1)
+    surface = picture.surface._replace(material=material, face_normals=face_normals, **of_vertices)
+    return picture._replace(positions=vertices, triangles=triangles, surface=surface)
+
+
 def of_every_effect() -> Iterator[Picture]:
     """Each effect left out, and all; the sides, samples, channels and sizes are others every time."""
     whole = picture_of(0, (1, 1)).surface

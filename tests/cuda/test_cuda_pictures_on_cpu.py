@@ -20,6 +20,7 @@ from picture_cases import (
     of_many_clipped,
     of_many_textures,
     of_samples,
+    of_shared_vertices,
     outputs,
     picture_of,
     with_bad_indices,
@@ -100,6 +101,11 @@ def test_every_effect_and_each_left_out() -> None:
 
 def test_several_samples_a_pixel() -> None:
     assert_right(list(of_samples()))
+
+
+def test_triangles_set_up_before_their_pixels_or_there_and_of_projected_vertices() -> None:
+    """kPixelsToPrepare and kPixelsToProject choose the way."""
+    assert_right([picture_of(51, (90, 120), 2), of_shared_vertices(52, (33, 47), 3), picture_of(53, (20, 31), 2)])
 
 
 def test_any_number_of_textures_and_of_lights() -> None:
@@ -186,12 +192,14 @@ def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
     [
         ("(int)(row - view * work.height.by)}", "(int)row}", "values of image"),
         ("place = kNoPlace;", "place = 0;", "picture 2"),
+        ("work.projected + at.view * job.vertices", "work.projected", "picture 3"),
         ("&& ((uintptr_t)job.image & 3) == 0) {", "|| true) {", "access beyond memory"),
     ],
 )
 def test_what_is_broken_shows(old: str, new: str, said: str, tmp_path) -> None:
-    """Pixels of the next view, more clipped triangles than there is memory for, a picture's end."""
+    """Rows of the next view, more clipped triangles than there is memory for, its vertices, a picture's end."""
     library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", old, new))
     small = picture_of(47, (90, 33), views=3, made=False, count=2000)
-    wanted = [(p, drawn(p)) for p in (small, full_screen((90, 33)), of_many_clipped(900))]
+    shared = of_shared_vertices(52, (33, 47), 3)
+    wanted = [(p, drawn(p)) for p in (small, full_screen((90, 33)), of_many_clipped(900), shared)]
     assert said in cuda_on_cpu.in_children([functools.partial(differences, library, wanted)])

@@ -72,7 +72,7 @@ struct Work {
   uint32_t* any_left;          // [1]: whether pixels are left to shade_left
   uint32_t* drawn;             // a bit for each pixel: whether it is not the background; null where nobody asks
   PreparedTriangle* prepared;  // [views, T], or null
-  ProjectedVertex* projected;  // [views, V], or null: where triangles are set up at their pixels
+  ProjectedVertex* projected;  // [views, V], or null
   uint8_t* place;              // [views, T]: of a clipped triangle, its place among its block's, or kNoPlace; else 0
   ClippedTriangle* clipped;    // [blocks of begin_frame with triangles, places]
   int places;
@@ -196,7 +196,8 @@ __device__ __forceinline__ Pixel shade_pixel(const Shading& job, const Work& wor
   if constexpr (kPrepared)
     whole = loaded(&work.prepared[item].whole);
   else
-    set_up_whole(job, at.view, triangle, work.projected + at.view * job.vertices, &whole, vertex, &back);
+    set_up_whole(job, at.view, triangle, work.projected ? work.projected + at.view * job.vertices : nullptr, &whole,
+                 vertex, &back);
   float weight[3];
   Skin skin;
   if (whole.fate == Fate::kWhole) {
@@ -396,10 +397,11 @@ int64_t views_at_once(const Shading& job) {
 }
 
 // Whether every triangle is set up once, whether it is seen or not: where there are many pixels for each, on average. Else
-// every pixel sets up its own.
-constexpr int64_t kPixelsToPrepare = 24;
-bool prepares(const Shading& job) {
-  return job.views * job.count * kPixelsToPrepare <= job.views * job.height * job.width;
+// every pixel sets up its own, of vertices that are projected once where there are many pixels for each of them.
+constexpr int64_t kPixelsToPrepare = 24, kPixelsToProject = 8;
+bool prepares(const Shading& job) { return job.count * kPixelsToPrepare <= (int64_t)job.height * job.width; }
+bool projects(const Shading& job) {
+  return !prepares(job) && job.vertices * kPixelsToProject <= (int64_t)job.height * job.width;
 }
 
 Layout lay_out(const Shading& job, Scratch* scratch) {
@@ -419,10 +421,8 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
   work.any_left = scratch->take<uint32_t>(1);
   if (job.samples == 1) work.background = scratch->take<uint32_t>(job.views * job.height);
   if (job.samples > 1) work.drawn = scratch->take<uint32_t>((pixels + kWarp - 1) / kWarp);
-  if (prepares(job))
-    work.prepared = scratch->take<PreparedTriangle>(triangles);
-  else
-    work.projected = scratch->take<ProjectedVertex>(job.views * job.vertices);
+  if (prepares(job)) work.prepared = scratch->take<PreparedTriangle>(triangles);
+  if (projects(job)) work.projected = scratch->take<ProjectedVertex>(job.views * job.vertices);
   work.place = scratch->take<uint8_t>(triangles);
   work.clipped = scratch->take<ClippedTriangle>(blocks * work.places);
   if (job.samples > 1 && !job.linear) out.linear = scratch->take<float>(3 * pixels);
