@@ -189,7 +189,7 @@ HARD: dict[str, Callable[[], Case]] = {
     "far_planes": far_planes,
     "floor": floor,
 }
-DEFAULT_NAMES = (*HARD, "S2", "S3", "S5", "S6-200k", "R4k", "R16k", "R100k", "Rcourtyard", "Rroom")
+DEFAULT_NAMES = (*HARD, "S2", "S3", "S6-200k", "R4k", "R16k", "R100k", "Rcourtyard", "Rroom")
 
 
 def case(name: str, width: int, height: int, seed: int = scenes.SEED) -> Case:

@@ -36,6 +36,12 @@ def test_rows_in_a_file_and_on_the_screen(tmp_path: Path, capsys: pytest.Capture
     assert "box.ply, 12 triangles, 96x64 px, two_stage, 1 threads" in printed and "subpixel4" in printed
 
 
+@pytest.mark.parametrize("options", [[], ["--quick"]])
+def test_what_is_drawn_unless_told_fits_the_size_that_it_has_unless_told(options: list[str]) -> None:
+    parser = command.parser("bigtri accuracy")
+    assert command._cases(parser, parser.parse_args(options))
+
+
 @needs_extension
 def test_rungs_that_are_not_built_are_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(accuracy.Setting, "rungs", lambda _: ["exact", "subpixel4"])

@@ -173,21 +173,25 @@ def test_transform() -> None:
     assert not said, said
 
 
+def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
+    """With a limit of some views of these pictures, as 2^30 pixels are too many for a test."""
+    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", "kPixelsAtOnce = 1 << 30", "kPixelsAtOnce = 5000"))
+    pictures = [picture_of(48, (33, 47), views=5, channels=4), picture_of(49, (16, 31), 7, samples=2), of_many_clipped(900)]
+    said = cuda_on_cpu.in_children([functools.partial(differences, library, [(p, drawn(p)) for p in pictures])])
+    assert not said, said
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        (
-            "starts[j] = id[j] >= 0 && (id[j] != before || x == 0);",
-            "starts[j] = id[j] >= 0 && id[j] != before;",
-            "values of image",
-        ),
-        ("base + kRuns < found.x ? room->begin[base + kRuns] : found.y;", "found.y;", "access beyond memory"),
+        ("(int)(row - view * work.height.by)}", "(int)row}", "values of image"),
+        ("place = kNoPlace;", "place = 0;", "picture 2"),
         ("&& ((uintptr_t)job.image & 3) == 0) {", "|| true) {", "access beyond memory"),
     ],
 )
 def test_what_is_broken_shows(old: str, new: str, said: str, tmp_path) -> None:
-    """A run that goes on in the next row, pixels of runs that are not set up yet, memory."""
+    """Pixels of the next view, more clipped triangles than there is memory for, a picture's end."""
     library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", old, new))
     small = picture_of(47, (90, 33), views=3, made=False, count=2000)
-    wanted = [(p, drawn(p)) for p in (small, full_screen((90, 33)))]
+    wanted = [(p, drawn(p)) for p in (small, full_screen((90, 33)), of_many_clipped(900))]
     assert said in cuda_on_cpu.in_children([functools.partial(differences, library, wanted)])

@@ -36,29 +36,35 @@ BIGTRI_HD void whole_barycentrics(const By& area, const By w[3], bool affine, co
   for (int k = 0; k < 3; ++k) b[k] = quotient(b[k], sum);
 }
 
+// The same of a record that has been clipped: they are the weights of the slots, in their order. w: of the record's
+// vertices, which are the rows of t, over the slots.
+template <class D, class By>
+BIGTRI_HD void clipped_barycentrics(const By& area, const By w[3], const double t[3][3], const D e[3], D b[3]) {
+  D u[3];
+  for (int k = 0; k < 3; ++k) u[k] = quotient(e[k], area);
+  if constexpr (kAttributeRule == AttributeRule::kAffine) {
+    double share[3][3];
+    for (int k = 0; k < 3; ++k)
+      for (int m = 0; m < 3; ++m) share[k][m] = t[k][m] / ((t[k][0] + t[k][1]) + t[k][2]);
+    for (int m = 0; m < 3; ++m) b[m] = (u[0] * share[0][m] + u[1] * share[1][m]) + u[2] * share[2][m];
+    return;
+  }
+  for (int k = 0; k < 3; ++k) u[k] = quotient(u[k], w[k]);
+  for (int m = 0; m < 3; ++m) b[m] = (u[0] * t[0][m] + u[1] * t[1][m]) + u[2] * t[2][m];
+  const D total = (b[0] + b[1]) + b[2];
+  const auto& sum = divisor_like(total, area);
+  for (int m = 0; m < 3; ++m) b[m] = quotient(b[m], sum);
+}
+
 // Barycentrics b from the edge values e, not yet rounded to float32. They are the weights of the record's vertices if
 // the parent is not clipped, else of the slots, in that order. D is double or a vector of doubles.
 template <int kRecords, class D>
 BIGTRI_HD void barycentrics(const ParentOf<kRecords>& parent, int record, const D e[3], D b[3]) {
   const double area = (double)parent.primitive[record].area;
-  if (!parent.clipped) return whole_barycentrics(area, parent.w[record], parent.affine, e, b);
-  for (int k = 0; k < 3; ++k) b[k] = e[k] / area;
-  if constexpr (kAttributeRule == AttributeRule::kAffine) {
-    double t[3][3];  // of the record's vertices, over the slots
-    for (int k = 0; k < 3; ++k) {
-      const double* of = parent.weights[record][k];
-      for (int m = 0; m < 3; ++m) t[k][m] = of[m] / ((of[0] + of[1]) + of[2]);
-    }
-    const D l0 = b[0], l1 = b[1], l2 = b[2];
-    for (int m = 0; m < 3; ++m) b[m] = (l0 * t[0][m] + l1 * t[1][m]) + l2 * t[2][m];
-    return;
-  }
-  for (int k = 0; k < 3; ++k) b[k] = b[k] / parent.w[record][k];
-  const double (*t)[3] = parent.weights[record];
-  const D u0 = b[0], u1 = b[1], u2 = b[2];
-  for (int m = 0; m < 3; ++m) b[m] = (u0 * t[0][m] + u1 * t[1][m]) + u2 * t[2][m];
-  const D sum = (b[0] + b[1]) + b[2];
-  for (int m = 0; m < 3; ++m) b[m] = b[m] / sum;
+  if (parent.clipped)
+    clipped_barycentrics(area, parent.w[record], parent.weights[record], e, b);
+  else
+    whole_barycentrics(area, parent.w[record], parent.affine, e, b);
 }
 
 // u, negated if the triangle is turned the other way, and 0 where the pixel lies beyond its side.
@@ -130,17 +136,24 @@ BIGTRI_HD void whole_float_barycentrics(float area, const double w[3], bool affi
   for (int k = 0; k < 3; ++k) b[k] = float_over(b[k], sum);
 }
 
+// The same as clipped_barycentrics, in float32.
+template <class F>
+BIGTRI_HD void clipped_float_barycentrics(float area, const double w[3], const double t[3][3], const F e[3], F b[3]) {
+  F u[3];
+  for (int k = 0; k < 3; ++k) u[k] = float_over(float_over(e[k], area), (float)w[k]);
+  for (int m = 0; m < 3; ++m) b[m] = (u[0] * (float)t[0][m] + u[1] * (float)t[1][m]) + u[2] * (float)t[2][m];
+  const F sum = (b[0] + b[1]) + b[2];
+  for (int m = 0; m < 3; ++m) b[m] = float_over(b[m], sum);
+}
+
 // The same as barycentrics, in float32.
 template <int kRecords, class F>
 BIGTRI_HD void float_barycentrics(const ParentOf<kRecords>& parent, int record, const F e[3], F b[3]) {
   const float area = (float)parent.primitive[record].area;
-  if (!parent.clipped) return whole_float_barycentrics(area, parent.w[record], parent.affine, e, b);
-  for (int k = 0; k < 3; ++k) b[k] = float_over(float_over(e[k], area), (float)parent.w[record][k]);
-  const double (*t)[3] = parent.weights[record];
-  const F u0 = b[0], u1 = b[1], u2 = b[2];
-  for (int m = 0; m < 3; ++m) b[m] = (u0 * (float)t[0][m] + u1 * (float)t[1][m]) + u2 * (float)t[2][m];
-  const F sum = (b[0] + b[1]) + b[2];
-  for (int m = 0; m < 3; ++m) b[m] = float_over(b[m], sum);
+  if (parent.clipped)
+    clipped_float_barycentrics(area, parent.w[record], parent.weights[record], e, b);
+  else
+    whole_float_barycentrics(area, parent.w[record], parent.affine, e, b);
 }
 
 // One attribute channel, in float32. a0, a1, a2: its values at the corners that b belongs to (corner_of).

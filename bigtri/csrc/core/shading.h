@@ -51,11 +51,25 @@ struct SrgbTable {
   uint8_t start[kSrgbSteps + 1];  // start[k]: how many thresholds are <= k / kSrgbSteps
 };
 
+// The step that a value lies in; that of 0 for a NaN.
+BIGTRI_HD int srgb_step(float v) { return (int)((v > 0.0f ? min_of(v, 1.0f) : 0.0f) * kSrgbSteps); }
+
 // The sRGB byte of a linear value: the number of thresholds that are <= v. A NaN gives 0.
 BIGTRI_HD uint8_t encode_srgb(float v, const SrgbTable& table) {
-  const float inside = v > 0.0f ? min_of(v, 1.0f) : 0.0f;
-  const int from = table.start[(int)(inside * kSrgbSteps)];
+  const int from = table.start[srgb_step(v)];
   return (uint8_t)(from + (table.thresholds[from] <= v));
+}
+
+// The same with what a step needs in one place, for a GPU, where a look-up takes its time.
+struct SrgbSteps {
+  struct Step {
+    float next;   // the first threshold that is not below the step, or a NaN
+    int32_t start;
+  } step[kSrgbSteps + 1];
+};
+BIGTRI_HD uint8_t encode_srgb(float v, const SrgbSteps& table) {
+  const SrgbSteps::Step at = table.step[srgb_step(v)];
+  return (uint8_t)(at.start + (at.next <= v));
 }
 
 // The same by binary search in thresholds [255]. It takes eight comparisons for any v, so the threads of a warp do not

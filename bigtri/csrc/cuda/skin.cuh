@@ -1,0 +1,152 @@
+// What the fragments of a triangle look like, and how one is finished: albedo, light, sRGB; docs/numerics.md 18.
+#pragma once
+
+#include "../core/attributes.h"
+#include "setup.cuh"
+#include "shade.h"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+namespace {
+
+// Interpolated channels of a fragment: uv, normal, vertex colour.
+enum { kUv = 0, kNormal = 2, kColor = 5, kChannels = 8 };
+
+// Bits of Skin::bits beside those of LookBit, which stay where the surface has the data.
+enum : int32_t { kSmoothNormal = 1 << 8, kFaceNormal = 1 << 9 };
+
+struct alignas(16) Skin {
+  float value[kChannels][3];  // at the corners that weights 0, 1, 2 belong to; of a face normal only [][0]
+  float base[3];              // colour of the material
+  float facing;               // -1: the normal is turned round; else 1
+  int32_t bits;
+  int32_t texture;  // -1: none
+};
+
+// What a frame looks up, made once by the kernel before it. It stays in the caches.
+struct Codes {
+  SrgbSteps encode;
+  float decoded[256];  // what 8-bit codes of textures stand for
+};
+
+// A struct that the frame's first kernel has written, read 16 bytes at a time.
+template <class T>
+__device__ __forceinline__ T loaded(const T* from) {
+  static_assert(sizeof(T) % sizeof(int4) == 0 && alignof(T) >= sizeof(int4), "whole vectors");
+  union Words {
+    int4 word[sizeof(T) / sizeof(int4)];
+    T whole;
+    __device__ Words() {}
+  } words;
+#pragma unroll
+  for (int i = 0; i < (int)(sizeof(T) / sizeof(int4)); ++i) words.word[i] = reinterpret_cast<const int4*>(from)[i];
+  return words.whole;
+}
+
+__device__ __forceinline__ Frame frame_of(const Shading& job, int64_t view) {
+  const Viewport whole = {job.width, job.height, 0, 0, job.width, job.height, kCullNone};
+  return {job.positions + view * job.vertices * 4, job.triangles, job.vertices, job.count, 1, whole};
+}
+
+// Fills a triangle's skin. vertex: in the order that weights are in; they name vertices. False if its material does not
+// exist.
+__device__ __forceinline__ bool load_skin(const Shading& job, int32_t triangle, const int32_t vertex[3], bool back,
+                                          Skin* out) {
+  const Surface& s = job.surface;
+  const int32_t material = __ldg(s.material + triangle);
+  if (material < 0 || material >= s.materials) return false;
+  const int32_t asked = __ldg(&s.looks[material].bits), texture = __ldg(&s.looks[material].texture);
+  int32_t bits = asked & (kLookNearest | kLookClamp);
+  for (int c = 0; c < 3; ++c) out->base[c] = __ldg(s.base_colors + 3 * (int64_t)material + c);
+  out->texture = s.uvs && texture >= 0 && texture < s.texture_count ? texture : -1;
+  if (out->texture >= 0)
+    for (int k = 0; k < 3; ++k)
+      for (int c = 0; c < 2; ++c) out->value[kUv + c][k] = __ldg(s.uvs + 2 * (int64_t)vertex[k] + c);
+  if (s.colors && (asked & kLookVertexColors)) {
+    bits |= kLookVertexColors;
+    for (int k = 0; k < 3; ++k)
+      for (int c = 0; c < 3; ++c) out->value[kColor + c][k] = __ldg(s.colors + 3 * (int64_t)vertex[k] + c);
+  }
+  if (s.normals && (!s.face_normals || (asked & kLookSmooth))) {
+    bits |= kSmoothNormal;
+    for (int k = 0; k < 3; ++k)
+      for (int c = 0; c < 3; ++c) out->value[kNormal + c][k] = __ldg(s.normals + 3 * (int64_t)vertex[k] + c);
+  } else if (s.face_normals) {
+    bits |= kFaceNormal;
+    for (int c = 0; c < 3; ++c) out->value[kNormal + c][0] = __ldg(s.face_normals + 3 * (int64_t)triangle + c);
+  }
+  out->facing = back && (asked & kLookTwoSided) ? -1.0f : 1.0f;
+  out->bits = bits;
+  return true;
+}
+
+// Codes of 16 bits are decoded where they are read: a table of all would take 256 KiB. Not inlined, because few textures
+// have them and the code is long.
+__device__ __noinline__ void sample_wide(const Texture& t, float u, float v, Filter filter, Wrap wrap, float out[3]) {
+  sample((const uint16_t*)t.texels, t.height, t.width, 3, u, v, filter, wrap, out);
+}
+
+__device__ __forceinline__ void look_up(const Texture& t, const Codes& codes, int32_t bits, float u, float v,
+                                        float out[3]) {
+  const Filter filter = bits & kLookNearest ? Filter::kNearest : Filter::kBilinear;
+  const Wrap wrap = bits & kLookClamp ? Wrap::kClamp : Wrap::kRepeat;
+  if (t.kind == Texels::kCodes8)
+    sample(CodedTexels<uint8_t>{(const uint8_t*)t.texels, codes.decoded}, t.height, t.width, 3, u, v, filter, wrap,
+           out);
+  else if (t.kind == Texels::kLinear)
+    sample((const float*)t.texels, t.height, t.width, 3, u, v, filter, wrap, out);
+  else
+    sample_wide(t, u, v, filter, wrap, out);
+}
+
+// What is wanted of a pixel beside the picture.
+struct Finished {
+  float albedo[3], normal[3], linear[3];
+};
+
+// Finishes a pixel that has these weights.
+__device__ __forceinline__ void finish(const Surface& s, const Texture* textures, const Codes& codes, const Skin& skin,
+                                       const float weight[3], Finished* out) {
+  const auto at = [&](int c) { return interpolate(weight, skin.value[c][0], skin.value[c][1], skin.value[c][2]); };
+  for (int c = 0; c < 3; ++c) out->albedo[c] = skin.base[c];
+  if (skin.texture >= 0) {
+    float texel[3];
+    look_up(textures[skin.texture], codes, skin.bits, at(kUv), at(kUv + 1), texel);
+    for (int c = 0; c < 3; ++c) out->albedo[c] = out->albedo[c] * texel[c];
+  }
+  if (skin.bits & kLookVertexColors)
+    for (int c = 0; c < 3; ++c) out->albedo[c] = out->albedo[c] * at(kColor + c);
+  for (int c = 0; c < 3; ++c) {
+    const float v = skin.bits & kSmoothNormal ? at(kNormal + c)
+                    : skin.bits & kFaceNormal ? skin.value[kNormal + c][0]
+                                              : 0.0f;
+    out->normal[c] = v * skin.facing;
+  }
+  lambert(out->normal, out->albedo, s.ambient, s.light_directions, s.light_colors, s.lights, out->linear);
+}
+
+// The same of the background in a row of the buffer.
+__device__ __forceinline__ void finish_background(const Shading& job, int y, Finished* out) {
+  for (int c = 0; c < 3; ++c) out->albedo[c] = out->normal[c] = 0.0f;
+  background_at(job.surface, y, job.height, job.channels, out->linear);
+}
+
+// Stores what is wanted of pixel i beside the picture.
+__device__ __forceinline__ void store_beside(const Shading& job, const Finished& pixel, uint32_t i) {
+  for (int c = 0; c < 3; ++c) {
+    const int64_t at = 3 * (int64_t)i + c;
+    if (job.albedo) job.albedo[at] = pixel.albedo[c];
+    if (job.normals) job.normals[at] = pixel.normal[c];
+    if (job.linear) job.linear[at] = pixel.linear[c];
+  }
+}
+
+// A pixel of the picture, the first channel in the lowest byte; opaque.
+__device__ __forceinline__ uint32_t encoded(const Codes& codes, const float linear[3]) {
+  return encode_srgb(linear[0], codes.encode) | encode_srgb(linear[1], codes.encode) << 8 |
+         encode_srgb(linear[2], codes.encode) << 16 | 0xff000000u;
+}
+
+}  // namespace
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri

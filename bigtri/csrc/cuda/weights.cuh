@@ -1,0 +1,195 @@
+// Triangles as the shading pass has them, and the weights of their corners at a pixel; docs/numerics.md 9.
+#pragma once
+
+#include "clip.cuh"
+#include "skin.cuh"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+namespace {
+
+// What weights are computed from, of a triangle that is not clipped; in their order.
+struct alignas(16) WholeTriangle : Corners {
+  Fate fate;           // kWhole: all of this is set; kClip: it has to be clipped; else nothing is drawn of it
+  int32_t affine;      // whether all w are equal
+  int32_t x[3], y[3];  // snapped, subpx
+  Divisor area, w[3];
+};
+
+// A triangle that has been set up for all of its pixels.
+struct PreparedTriangle {
+  WholeTriangle whole;
+  Skin skin;
+};
+
+// A triangle that has been clipped: its records, in fan order.
+struct ClippedTriangle : Corners {  // in the order of the slots
+  struct Part {
+    Primitive primitive;
+    Divisor area, w[3];
+    double weights[3][3];
+  };
+  Skin skin;
+  int count;  // records; 0 if the triangle's material does not exist
+  Part part[kMaxSubTriangles];
+};
+
+// Keeps a triangle's vertices as they were given, in an order, where the rung's attributes need them.
+template <bool kHas>
+__device__ __forceinline__ void set_given(const float v[3][4], const int32_t order[3], CornersOf<kHas>* out) {
+  if constexpr (kHas)
+    for (int k = 0; k < 3; ++k)
+      for (int i = 0; i < 4; ++i) out->given[k][i] = v[order[k]][i];
+}
+
+// Sets up a triangle. If it is to be drawn as it is, vertex gets its indices, in the order of the weights, and back
+// whether its back is seen, where that matters.
+__device__ __forceinline__ void set_up_whole(const Shading& job, int64_t view, int32_t triangle, WholeTriangle* out,
+                                             int32_t vertex[3], bool* back) {
+  const Frame f = frame_of(job, view);
+  int32_t index[3];
+  out->fate = Fate::kDropped;
+  if (!load_indices(f, triangle, index)) return;
+  float corner[3][4];
+  for (int k = 0; k < 3; ++k) load_vertex(f, index[k], corner[k]);
+  Vertex v[3];
+  for (int k = 0; k < 3; ++k) v[k] = project_vertex(corner[k], job.width, job.height);
+  Primitive p;
+  out->fate = assemble(f, v, &p);
+  if (out->fate != Fate::kWhole) return;
+  const float w[3] = {corner[0][3], corner[1][3], corner[2][3]};
+  for (int k = 0; k < 3; ++k) {
+    vertex[k] = pick(index, p.order[k]);
+    out->x[k] = p.x[k];
+    out->y[k] = p.y[k];
+    out->w[k] = divisor(pick(w, p.order[k]));
+  }
+  out->area = divisor((double)p.area);
+  out->affine = w[0] == w[1] && w[1] == w[2];
+  set_given(corner, p.order, out);
+  *back = job.surface.two_sided && is_back(corner[0], corner[1], corner[2]);
+}
+
+// The same with its skin, for all of its pixels. A triangle of no material is not drawn.
+__device__ __forceinline__ void prepare(const Shading& job, int64_t view, int32_t triangle, PreparedTriangle* out) {
+  int32_t vertex[3];
+  bool back;
+  set_up_whole(job, view, triangle, &out->whole, vertex, &back);
+  Fate* fate = &out->whole.fate;
+  if (*fate == Fate::kWhole && !load_skin(job, triangle, vertex, back, &out->skin)) *fate = Fate::kNothing;
+}
+
+// Whether a triangle has to be clipped.
+__device__ __forceinline__ bool is_clipped(const Shading& job, int64_t view, int32_t triangle) {
+  const Frame f = frame_of(job, view);
+  int32_t index[3];
+  if (!load_indices(f, triangle, index)) return false;
+  uint32_t flags[3];
+  for (int k = 0; k < 3; ++k) {
+    float v[4];
+    load_vertex(f, index[k], v);
+    flags[k] = vertex_flags(v, job.width, job.height);
+  }
+  return fate_of(flags[0], flags[1], flags[2]) == Fate::kClip;
+}
+
+// Clips a triangle, whose indices name vertices, with all lanes.
+__device__ __noinline__ void clip(const Shading& job, int64_t view, int32_t triangle, ClipScratch* scratch,
+                                  ClippedTriangle* out) {
+  const Frame f = frame_of(job, view);
+  int32_t index[3];
+  float v[3][4];
+  load_indices(f, triangle, index);
+  for (int k = 0; k < 3; ++k) load_vertex(f, index[k], v[k]);
+  const int n = clip_polygon(v, f.view.width, f.view.height, scratch), lane = lane_id();
+  ParentOf<1> parent;
+  Primitive& p = parent.primitive[0];
+  bool made = false;
+  if (lane + 2 < n) {
+    const int apex = fan_apex(scratch->projected, scratch->polygon, n);
+    made = fan_primitive(scratch->projected, apex, n, lane, f.view, &p);
+    if (made) {
+      set_fan_places(scratch->polygon, apex, n, lane, f.view, p.order, &p);
+      set_fan_weights(scratch->polygon, apex, n, lane, 0, &parent);
+    }
+  }
+  const unsigned all = __ballot_sync(kAllLanes, made);
+  if (made) {
+    ClippedTriangle::Part& part = out->part[__popc(all & lanes_below())];
+    part.primitive = p;
+    part.area = divisor((double)p.area);
+    for (int k = 0; k < 3; ++k) {
+      part.w[k] = divisor(parent.w[0][k]);
+      for (int m = 0; m < 3; ++m) part.weights[k][m] = parent.weights[0][k][m];
+    }
+  }
+  if (lane == 0) {
+    const int first = first_slot(v);
+    const int32_t slots[3] = {first, (first + 1) % 3, (first + 2) % 3};
+    const int32_t vertex[3] = {index[slots[0]], index[slots[1]], index[slots[2]]};
+    const bool back = job.surface.two_sided && is_back(v[0], v[1], v[2]);
+    out->count = load_skin(job, triangle, vertex, back, &out->skin) ? __popc(all) : 0;
+    set_given(v, slots, out);
+  }
+  __syncwarp();
+}
+
+// By the vertices as they were given, where that is the rung's rule: the weights of a view's pixel (x, y).
+template <bool kHas, class D>
+__device__ __forceinline__ void weigh_unsnapped(const Shading& job, const CornersOf<kHas>& corners, int x, int y,
+                                                D b[3]) {
+  if constexpr (kHas)
+    unsnapped_weights(corners.given, device_coordinate((D)x, job.width),
+                      device_coordinate((double)(job.height - 1 - y), job.height), b);
+}
+
+// What weights are rounded from.
+using WeightNumber = std::conditional_t<kFloatWeights, float, double>;
+
+// Edge values of a view's pixel (x, y). T has x and y of three corners.
+template <class T>
+__device__ __forceinline__ void edge_values(const T& t, int x, int y, WeightNumber e[3]) {
+  for (int k = 0; k < 3; ++k)
+    e[k] = (WeightNumber)(double)edge_value(edge_of(t.x, t.y, k), pixel_centre(x), pixel_centre(y));
+}
+
+__device__ __forceinline__ void weigh(const Shading& job, const WholeTriangle& t, int x, int y, float weight[3]) {
+  WeightNumber e[3], b[3];
+  if constexpr (kUnsnappedWeights) {
+    weigh_unsnapped(job, t, x, y, b);
+  } else if constexpr (kFloatWeights) {
+    const double w[3] = {t.w[0].value, t.w[1].value, t.w[2].value};
+    edge_values(t, x, y, e);
+    whole_float_barycentrics((float)t.area.value, w, t.affine != 0, e, b);
+  } else {
+    edge_values(t, x, y, e);
+    whole_barycentrics(t.area, t.w, t.affine != 0, e, b);
+  }
+  for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
+}
+
+// By the first record that covers the pixel; 0 where none does.
+__device__ __forceinline__ void weigh(const Shading& job, const ClippedTriangle& t, int x, int y, float weight[3]) {
+  for (int k = 0; k < 3; ++k) weight[k] = 0.0f;
+  for (int s = 0; s < t.count; ++s) {
+    const ClippedTriangle::Part& part = t.part[s];
+    if (!covers(part.primitive, x, y)) continue;
+    WeightNumber e[3], b[3];
+    if constexpr (kUnsnappedWeights) {
+      weigh_unsnapped(job, t, x, y, b);
+    } else if constexpr (kFloatWeights) {
+      const double w[3] = {part.w[0].value, part.w[1].value, part.w[2].value};
+      edge_values(part.primitive, x, y, e);
+      clipped_float_barycentrics((float)part.area.value, w, part.weights, e, b);
+    } else {
+      edge_values(part.primitive, x, y, e);
+      clipped_barycentrics(part.area, part.w, part.weights, e, b);
+    }
+    for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
+    return;
+  }
+}
+
+}  // namespace
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri
