@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from itertools import cycle, product
+from itertools import product
 
 import numpy as np
 import pytest
@@ -116,7 +116,11 @@ def test_the_extension_lists_in_the_order_of_the_reference(name, isa):
     assert np.array_equal(spans, got), "stage scanline, spans in another order or cut in another way"
 
 
-@pytest.mark.parametrize("seed_and_cull", some_of(zip(range(1, 6), cycle(CULLS)), [*product(range(1, 6), CULLS)]), ids=str)
+# Culling leaves records out, and all of them are compared where nothing is culled: one seed each is enough for it.
+SEEDS_AND_CULLS = some_of([*((seed, "none") for seed in range(1, 6)), (1, "back"), (2, "front")], [*product(range(1, 6), CULLS)])
+
+
+@pytest.mark.parametrize("seed_and_cull", SEEDS_AND_CULLS, ids=str)
 @pytest.mark.parametrize("name", [name for name in CASES if not name.startswith("size")])
 def test_more_seeds(name, seed_and_cull):
     seed, cull = seed_and_cull
