@@ -115,3 +115,13 @@ def length(v: Vector) -> float:
 def unit(v: Vector) -> Vector:
     size = length(v)
     return v[0] / size, v[1] / size, v[2] / size
+
+
+def square_matrix(owner: str, name: str, value: ArrayLike, size: int) -> Any:
+    """A matrix [size, size] of finite numbers, as tuples."""
+    array = numbers(owner, name, value)
+    if array.shape != (size, size):
+        raise ValueError(f"bigtri.{owner}: {name} must be [{size}, {size}], got {list(array.shape)}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"bigtri.{owner}: {name} must be finite, got {array.tolist()}")
+    return tuple(map(tuple, array.tolist()))

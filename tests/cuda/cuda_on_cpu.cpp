@@ -25,7 +25,8 @@ namespace BIGTRI_RUNG {
 extern const CudaVariant* const kCudaVariants[];
 cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream);
 int64_t shading_scratch(const Shading& job);
-cudaError_t shade_cuda(const Shading& job, bool drawn_before, void* scratch, cudaStream_t stream);
+cudaError_t begin_shading_cuda(const Shading& job, void* scratch, cudaStream_t stream);
+cudaError_t shade_cuda(const Shading& job, void* scratch, cudaStream_t stream);
 }  // namespace BIGTRI_RUNG
 }  // namespace bigtri
 
@@ -521,7 +522,7 @@ int shade_on_cpu(const PictureOnCpu* p) {
   job.channels = (int)p->channels;
   kernel = 0;
   const Memory scratch((size_t)BIGTRI_RUNG::shading_scratch(job), 0x7f);
-  int error = 0;
+  int error = BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
   if (!p->packed) {
     Frame f = {};
     f.positions = job.positions;
@@ -542,7 +543,7 @@ int shade_on_cpu(const PictureOnCpu* p) {
     error |= variant.draw(f, values.data(), work.of<char>(), nullptr);
     job.packed = f.packed;
   }
-  error |= BIGTRI_RUNG::shade_cuda(job, !p->packed, scratch.of<char>(), nullptr);
+  error |= BIGTRI_RUNG::shade_cuda(job, scratch.of<char>(), nullptr);
   for (const Output& o : outputs) memcpy(o.to, o.from, (size_t)o.bytes);
   return error;
 }

@@ -159,6 +159,17 @@ def test_any_number_of_lookups_and_channels(dtype, isa):
         assert (memory[count] == -7).all()
 
 
+@needs_native
+@pytest.mark.parametrize("how", ["nearest", "bilinear"])
+@pytest.mark.parametrize("channels", [3, 4])
+def test_a_texture_whose_values_32_bits_do_not_number(channels, how):
+    """Its corners; what lies between them is never touched, and takes no memory."""
+    texture = np.zeros((2**14 + 1, 2**15, channels), np.uint8)
+    texture[0, 0], texture[-1, -1] = range(10, 10 + channels), range(200, 200 + channels)
+    found = sample_texture(texture, np.array([(0, 1), (1, 0)], np.float32), filter=how, wrap="clamp", backend="native")
+    assert np.array_equal(found, decode_srgb(texture[[0, -1], [0, -1]]))
+
+
 def every_code(dtype) -> tuple[np.ndarray, np.ndarray]:
     """A square texture of all codes, in their order, and the coordinates of its texels."""
     side = 1 << (4 * np.dtype(dtype).itemsize)

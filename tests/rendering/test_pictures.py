@@ -144,6 +144,48 @@ def test_a_view_that_takes_several_passes(samples, records, candidates):
                 assert one.tobytes() == two.tobytes()
 
 
+@needs_native
+def test_weights_in_the_middle_of_two_floats():
+    """Edge values over an area of 2^40: some quotients lie exactly between two float32, where only the law of bits decides."""
+    side = 64
+    x0, y0 = -50 * 256, -50 * 256  # 1/256 px
+    corners = np.array([(x0, y0), (x0 + 2**20 - 1, y0 + 1), (x0 - 1, y0 + 2**20 + 1)])
+    centre = 256 * np.arange(side) + 128
+    # The edge from corner 0 to corner 1, whose value is the weight of corner 2.
+    quotient = ((2**20 - 1) * (centre[:, None] - y0) - (centre[None] - x0)) / 2**40
+    nearest = quotient.astype(np.float32)
+    assert (2 * np.abs(quotient - nearest) == np.spacing(nearest)).any()
+    x, y = (corners / 256 - side / 2).T / (side / 2)
+    positions = np.stack([x, -y, np.zeros(3)], axis=1).astype(np.float32)
+    colors = np.random.default_rng(0).random((3, 3)).astype(np.float32)
+    scene = Scene(positions, np.array([[0, 1, 2]], np.int32), colors=colors, materials=(Material(vertex_colors=True),))
+    cameras, size = [Camera.from_matrix(np.eye(4))], (side, side)
+    surface = scene.on("cpu").surface(EVERYTHING, scene.background)
+    expected = drawing(scene, cameras, size, surface, "reference")
+    assert np.isfinite(expected[-1]).all()
+    for isa in ISAS:
+        with native.using_isa(isa):
+            for one, two in zip(expected, drawing(scene, cameras, size, surface, "native"), strict=True):
+                assert one.tobytes() == two.tobytes()
+
+
+@needs_native
+def test_a_texture_whose_values_32_bits_do_not_number():
+    """It is looked up as a small one is: everything is at the last texel, and the others take no memory."""
+    texture = np.zeros((2**14 + 1, 2**16, 3), np.uint8)
+    texture[-1, -1] = 50, 100, 150
+    small = np.ascontiguousarray(texture[-1:, -1:])
+    positions = np.array([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], np.float32)
+    look = Material(texture=small, wrap="clamp")
+    scene = Scene(positions, np.array([[0, 1, 2]], np.int32), uvs=np.tile(np.float32([1, 0]), (3, 1)), materials=(look,))
+    surface = scene.on("cpu").surface(EVERYTHING, scene.background)
+    huge = surface._replace(textures=(torch.from_numpy(texture),))
+    expected, drawn = (drawing(scene, [Camera.from_matrix(np.eye(4))], (20, 30), s, "native") for s in (surface, huge))
+    assert len(np.unique(expected[0].reshape(-1, 3), axis=0)) > 1
+    for one, two in zip(expected, drawn, strict=True):
+        assert one.tobytes() == two.tobytes()
+
+
 @pytest.mark.parametrize("backend", ["reference", pytest.param("native", marks=needs_native)])
 def test_every_effect_compiled_in_changes_nothing(backend):
     for seed in range(8):

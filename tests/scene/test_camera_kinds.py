@@ -1,6 +1,7 @@
 """Cameras of every kind: where points land, to the pixel, what their depths mean, and what is refused."""
 
 import copy
+import inspect
 import math
 import pickle
 import warnings
@@ -10,7 +11,10 @@ import pytest
 import torch
 
 from bigtri import Camera, rasterize, warn
-from bigtri.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera, PinholeCamera
+from bigtri.scene.matrix_camera import MatrixCamera
+from bigtri.scene.orthographic_camera import OrthographicCamera
+from bigtri.scene.perspective_camera import PerspectiveCamera
+from bigtri.scene.pinhole_camera import PinholeCamera
 
 HEIGHT, WIDTH = 480, 640
 ASPECT = WIDTH / HEIGHT
@@ -49,6 +53,13 @@ def test_the_kinds_are_cameras():
             assert same == camera and hash(same) == hash(camera)
         with pytest.raises(AttributeError):
             camera.near = 1
+
+
+def test_the_signature_of_camera():
+    """What help() and editors show is what a PerspectiveCamera takes; kinds show their own."""
+    shown, taken = (inspect.signature(made).parameters.values() for made in (Camera, PerspectiveCamera))
+    assert [(p.name, p.kind, p.default) for p in shown] == [(p.name, p.kind, p.default) for p in taken]
+    assert [*inspect.signature(PinholeCamera).parameters][:3] == ["K", "R", "t"]
 
 
 def pixels_of(points: np.ndarray, centre: float) -> np.ndarray:

@@ -14,7 +14,9 @@ BIGTRI_HD void lambert(const F normal[3], const F albedo[3], const float ambient
   const F s = (normal[0] * normal[0] + normal[1] * normal[1]) + normal[2] * normal[2], length = square_root(s);
   F n[3], c[3];
   for (int i = 0; i < 3; ++i) {
-    n[i] = select((s > 0.0f) & (s < kInfinity), normal[i] / length, constant(0.0f, s));
+    // Where s is an infinity, each n[i] is 0 or a NaN, and so is `facing`, which is not above 0 then: no light counts, as
+    // with the normal (0, 0, 0).
+    n[i] = select(s > 0.0f, normal[i] / length, constant(0.0f, s));
     c[i] = constant(ambient[i], s);
   }
   for (int64_t l = 0; l < lights; ++l) {
@@ -81,11 +83,39 @@ BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds) {
   return (uint8_t)from;
 }
 
-inline void fill_srgb_table(const float thresholds[255], SrgbTable* table) {
-  for (int i = 0; i < 256; ++i) table->thresholds[i] = i < 255 ? thresholds[i] : kNotANumber;
-  for (int k = 0, from = 0; k <= kSrgbSteps; ++k) {
-    while (table->thresholds[from] <= (float)k / kSrgbSteps) ++from;
-    table->start[k] = (uint8_t)from;
+// The same with a single lookup, for a processor that has the cache for it: a table by the upper half of a float's bits,
+// from 2^-13, which is below all thresholds, to 1. Such a step is at most 1/128 of its value wide, and thresholds lie
+// further apart, 2.4 / 255 / 1.055 of their value or more, so that a step holds one of them at most.
+constexpr float kSrgbLeast = 1.0f / 8192;
+constexpr uint32_t kSrgbFirstStep = 0x3900, kSrgbLastStep = 0x3f80;  // the upper halves of 2^-13 and of 1
+struct SrgbSteps {
+  // Of each step, 2^16 times the byte of its first value. Where it holds a threshold, what the lower half of that one's
+  // bits lacks to 2^16 is added: with the lower half of a value's bits it carries into the byte from the threshold on. The
+  // upper half of the bits is subtracted beforehand, so that all of a value's bits can be added. Modulo 2^32.
+  uint32_t byte[kSrgbLastStep - kSrgbFirstStep + 1];
+};
+
+// v, brought to where the table has steps; to the least one if it is a NaN. F is float, or a vector of floats.
+template <class F>
+BIGTRI_HD F within_steps(const F& v) {
+  const F least = constant(kSrgbLeast, v), one = constant(1.0f, v);
+  return select(v > kSrgbLeast, select(v > 1.0f, one, v), least);
+}
+
+// The byte of a value within the steps.
+BIGTRI_HD uint8_t encode_step(float v, const SrgbSteps& table) {
+  const uint32_t bits = float_bits(v);
+  return (uint8_t)((table.byte[(bits >> 16) - kSrgbFirstStep] + bits) >> 16);
+}
+
+BIGTRI_HD uint8_t encode_srgb(float v, const SrgbSteps& table) { return encode_step(within_steps(v), table); }
+
+inline void fill_srgb_steps(const float thresholds[255], SrgbSteps* table) {
+  for (uint32_t step = kSrgbFirstStep, from = 0; step <= kSrgbLastStep; ++step) {
+    while (from < 255 && thresholds[from] <= bits_float(step << 16)) ++from;
+    const bool holds = from < 255 && float_bits(thresholds[from]) >> 16 == step;
+    const uint32_t lack = holds ? ((step + 1) << 16) - float_bits(thresholds[from]) : 0;
+    table->byte[step - kSrgbFirstStep] = (from << 16) + lack - (step << 16);
   }
 }
 

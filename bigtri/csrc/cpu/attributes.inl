@@ -200,7 +200,7 @@ void stage_lambert(const float* normals, const float* albedo, const float* ambie
     lambert(normals + 3 * i, albedo + 3 * i, ambient, directions, colors, lights, out + 3 * i);
 }
 
-void stage_encode_srgb(const float* linear, const SrgbTable& table, int64_t count, uint8_t* out) {
+void stage_encode_srgb(const float* linear, const SrgbSteps& table, int64_t count, uint8_t* out) {
   for (int64_t i = 0; i < count; ++i) out[i] = encode_srgb(linear[i], table);
 }
 

@@ -58,7 +58,7 @@ struct ShadeJob {
   int height, width;  // of the visibility buffer, px; multiples of samples
   int samples;  // of a pixel of the picture along each axis
   Surface surface;
-  const SrgbTable* srgb;
+  const SrgbSteps* srgb;
   const float *decoded8, *decoded16;  // what sRGB codes of textures stand for; decoded16 may be null without such
   const uint8_t* background;  // [H / samples, 4], sRGB and alpha: of each row of the picture (background_rows)
   uint8_t* image;  // out: [views, H / samples, W / samples, channels], sRGB
@@ -180,7 +180,7 @@ std::vector<uint8_t> background_rows(const ShadeJob& job);
 template <class Code>
 const float* decoded();
 // The table of the thresholds [255], the calling thread's until it asks for another.
-const SrgbTable& srgb_table(const float* thresholds);
+const SrgbSteps& srgb_steps(const float* thresholds);
 
 // --- Points to clip space
 

@@ -28,7 +28,7 @@ struct AttributeKernels {
   SampleKernel<CodedTexels<uint16_t>> sample_codes16;
   void (*lambert)(const float* normals, const float* albedo, const float* ambient, const float* directions,
                   const float* colors, int64_t lights, int64_t count, float* out);
-  void (*encode_srgb)(const float* linear, const SrgbTable& table, int64_t count, uint8_t* out);
+  void (*encode_srgb)(const float* linear, const SrgbSteps& table, int64_t count, uint8_t* out);
 };
 
 struct Kernels {

@@ -3,289 +3,52 @@
 // for each bin that has been drawn. Compiled once per instruction set.
 //
 // Triangles that cover a few pixels each leave most of a vector empty, so the work is cut in two. The first half goes
-// along runs of pixels of one triangle; the attributes of a run are appended to lists, the next run's right behind them.
-// The second half takes sixteen fragments of a list at a time, whatever triangles they are of.
+// along runs of pixels of one triangle; the attributes of a run are appended to lists, the next run's right behind them
+// (fragments.inl). The second half, here, takes sixteen fragments of a list at a time, whatever triangles they are of.
 #pragma once
 
-#include "attributes.inl"
+#include "fragments.inl"
+#include "texture.inl"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Interpolated channels of a fragment: uv, vertex colour, normal.
-enum { kUv = 0, kColor = 2, kNormal = 5, kChannels = 8 };
-
-// Where a triangle's normals come from.
-enum class Normals { kZero, kFace, kSmooth };
-
-// A triangle that is ready to be shaded.
-struct Shaded {
-  int64_t key;  // view << 32 | triangle; -1: none
-  bool drawn;  // false: no record covers a pixel
-  bool clipped;
-  const float* base;  // base colour of the material
-  Look look;  // without what the surface has no data for
-  Normals normals;
-  float facing;  // -1: the normal is turned round; else 1
-  float value[kChannels][3];  // at the corners that barycentric 0, 1, 2 belong to
-  float face[3];
-  ParentOf<1> parent;  // if not clipped
-  // For weights by FastDivisor, if not clipped. e_k at pixel (x, y) is origin[k] + step_x[k] * x + step_y[k] * y: integers
-  // below 2^53, so float64 is exact.
-  double origin[3], step_x[3], step_y[3];
-  FastDivisor<double> area, w[3];
-};
-
-constexpr int kFragments = 1024;  // after which a list is shaded
-constexpr int kFragmentRoom = kFragments + kBin + 16;  // a row of a block more, and what vectors write past the end
-constexpr int kShadedBits = 7;
-
-// Consecutive fragments of one material.
-struct Segment {
-  int begin;
-  const float* base;
-  Look look;
-};
-
-struct ShadeScratch {
-  alignas(64) float channel[kChannels][kFragmentRoom];
-  int32_t at[kFragmentRoom];  // place in the image of samples, counted from the block's first sample
-  Segment segment[kFragmentRoom];
-  int count, segments;
-  float linear[3][kBin];  // of a row of samples, where several make a pixel
-  bool covered[kBin];
-  // The triangles that were met last, each at the place that its index's lowest bits name.
-  Shaded shaded[1 << kShadedBits];
-  int64_t clipped_key;  // what `clipped` holds
-  Parent clipped;
-};
-static_assert(sizeof(ShadeScratch) <= kShadeScratchBytes, "scratch");
-
-void shade_begin(void* memory) {
-  ShadeScratch* s = (ShadeScratch*)memory;
-  for (Shaded& shaded : s->shaded) shaded.key = -1;
-  s->clipped_key = -1;
-  s->count = s->segments = 0;
-}
-
-constexpr bool kFastWeights = !kTestsRows && kAttributeRule == AttributeRule::kFloat64;
-
-// Sets the attributes at the corners that the weights belong to: corner[k] of the triangle.
-BIGTRI_INLINE void load_corners(const Surface& f, const int32_t* vertex, const int corner[3], Shaded* out) {
-  const bool textured = out->look.texture >= 0, colored = out->look.bits & kLookVertexColors,
-             smooth = out->normals == Normals::kSmooth;
-  for (int k = 0; k < 3; ++k) {
-    const int64_t v = vertex[corner[k]];
-    if (textured)
-      for (int c = 0; c < 2; ++c) out->value[kUv + c][k] = f.uvs[2 * v + c];
-    if (colored)
-      for (int c = 0; c < 3; ++c) out->value[kColor + c][k] = f.colors[3 * v + c];
-    if (smooth)
-      for (int c = 0; c < 3; ++c) out->value[kNormal + c][k] = f.normals[3 * v + c];
-  }
-}
-
-void prepare(const ShadeJob& job, int64_t view, int64_t triangle, ShadeScratch* s, Shaded* out) {
-  const Surface& f = job.surface;
-  const int32_t* vertex = job.triangles + 3 * triangle;
-  const int32_t material = f.material[triangle];
-  out->key = view << 32 | triangle;
-  out->base = f.base_colors + 3 * material;
-  out->look = f.looks[material];
-  if (!f.uvs) out->look.texture = -1;
-  if (!f.colors) out->look.bits &= ~kLookVertexColors;
-  const bool smooth = f.normals && (!f.face_normals || (out->look.bits & kLookSmooth));
-  out->normals = smooth ? Normals::kSmooth : f.face_normals ? Normals::kFace : Normals::kZero;
-  if (out->normals == Normals::kFace)
-    for (int c = 0; c < 3; ++c) out->face[c] = f.face_normals[3 * triangle + c];
-
-  const Viewport whole = {job.width, job.height, 0, 0, job.width, job.height, kCullNone};
-  float v[3][4];
-  Vertex projected[3];
-  for (int k = 0; k < 3; ++k) {
-    for (int i = 0; i < 4; ++i) v[k][i] = job.positions[view * job.position_view + 4 * (int64_t)vertex[k] + i];
-    projected[k] = project_vertex(v[k], job.width, job.height);
-  }
-  const bool turned = f.two_sided && (out->look.bits & kLookTwoSided) && is_back(v[0], v[1], v[2]);
-  out->facing = turned ? -1.0f : 1.0f;
-  const Fate fate = fate_of(projected[0].flags, projected[1].flags, projected[2].flags);
-  out->clipped = fate == Fate::kClip;
-  if (out->clipped) {
-    expand_parent(v, projected, whole, &s->clipped);
-    s->clipped_key = out->key;
-    out->drawn = s->clipped.count > 0;
-    const int corner[3] = {s->clipped.first, (s->clipped.first + 1) % 3, (s->clipped.first + 2) % 3};
-    if (out->drawn) load_corners(f, vertex, corner, out);
-    return;
-  }
-  out->drawn = fate == Fate::kWhole && expand_whole(v, projected, whole, &out->parent);
-  if (!out->drawn) return;
-  const Primitive& p = out->parent.primitive[0];
-  load_corners(f, vertex, p.order, out);
-  if constexpr (kFastWeights) {
-    out->area = fast_divisor((double)p.area);
-    for (int k = 0; k < 3; ++k) {
-      const Edge edge = edge_of(p.x, p.y, k);
-      out->origin[k] = edge_at(p, k, 0, 0);
-      out->step_x[k] = -(double)kSubpixel * edge.dy;
-      out->step_y[k] = (double)kSubpixel * edge.dx;
-      out->w[k] = fast_divisor(out->parent.w[0][k]);
-    }
-  }
-}
-
-// Appends n fragments of a triangle, whose weights these are.
-BIGTRI_INLINE void append(const Shaded& t, const f32x8 weight[3], int at, int n, ShadeScratch* s) {
-  const int count = s->count;
-  const auto put = [&](int c) __attribute__((always_inline)) {
-    store(s->channel[c] + count, interpolate(weight, t.value[c][0], t.value[c][1], t.value[c][2]));
-  };
-  if (t.look.texture >= 0)
-    for (int c = kUv; c < kUv + 2; ++c) put(c);
-  if (t.look.bits & kLookVertexColors)
-    for (int c = kColor; c < kColor + 3; ++c) put(c);
-  for (int c = 0; c < 3; ++c) {
-    f32x8 v = splat<f32x8>(t.normals == Normals::kFace ? t.face[c] : 0.0f);
-    if (t.normals == Normals::kSmooth)
-      v = interpolate(weight, t.value[kNormal + c][0], t.value[kNormal + c][1], t.value[kNormal + c][2]);
-    store(s->channel[kNormal + c] + count, v * t.facing);
-  }
-  store(s->at + count, at + load<i32x8>(kLaneInt));
-  s->count += n;
-}
-
-// The pixels [x, x + n) of row y, all of one triangle; `at` is the place of the first.
-void append_run(const ShadeJob& job, Shaded* t, int y, int x, int n, int at, ShadeScratch* s) {
-  if (s->segments == 0 || s->segment[s->segments - 1].base != t->base)
-    s->segment[s->segments++] = {s->count, t->base, t->look};
-  f32x8 weight[3];
-  bool covered[8];
-  if (t->clipped) {
-    // Another clipped triangle may have been set up since.
-    if (s->clipped_key != t->key) prepare(job, t->key >> 32, t->key & 0xffffffff, s, t);
-    RowRecord row;
-    for (int i = 0, same; i < n; i += same) {
-      const int record = covering_record(s->clipped, x + i, y);
-      for (same = 1; same < 8 && i + same < n && covering_record(s->clipped, x + i + same, y) == record;) ++same;
-      for (int k = 0; k < 3; ++k) weight[k] = splat<f32x8>(0.0f);
-      if (record >= 0) {
-        if (record != row.record) begin_edges(s->clipped, record, y, &row);
-        weigh_eight(job.width, job.height, s->clipped, row, x + i, same, weight, covered);
-      }
-      append(*t, weight, at + i, same, s);
-    }
-    return;
-  }
-  if constexpr (kFastWeights) {
-    double start[3];
-    for (int k = 0; k < 3; ++k) start[k] = t->origin[k] + t->step_y[k] * y;
-    for (int i = 0; i < n; i += 8) {
-      f64x8 e[3], b[3];
-      for (int k = 0; k < 3; ++k) e[k] = start[k] + (load<f64x8>(kLaneDouble) + (double)(x + i)) * t->step_x[k];
-      whole_barycentrics(t->area, t->w, t->parent.affine, e, b);
-      for (int k = 0; k < 3; ++k) weight[k] = to_float(b[k]);
-      append(*t, weight, at + i, min_of(8, n - i), s);
-    }
-  } else {
-    RowRecord row;
-    begin_edges(t->parent, 0, y, &row);
-    for (int i = 0; i < n; i += 8) {
-      weigh_eight(job.width, job.height, t->parent, row, x + i, min_of(8, n - i), weight, covered);
-      append(*t, weight, at + i, min_of(8, n - i), s);
-    }
-  }
-}
-
-// Appends the fragments of n samples of a row. covered[i]: whether sample i has one.
-void append_row(const ShadeJob& job, int64_t view, const int64_t* packed, int y, int x, int n, int at, bool* covered,
-                ShadeScratch* s) {
-  for (int i = 0, end; i < n; i = end) {
-    const uint32_t triangle = (uint32_t)packed[i];
-    for (end = i + 1; end < n && (uint32_t)packed[end] == triangle;) ++end;
-    // The background names none of the triangles: kBackground ends in 32 bits that are set.
-    Shaded* t = nullptr;
-    if (triangle < job.triangle_count) {
-      t = s->shaded + (triangle & ((1 << kShadedBits) - 1));
-      if (t->key != (view << 32 | (int64_t)triangle)) prepare(job, view, triangle, s, t);
-    }
-    const bool drawn = t && t->drawn;
-    if (covered) __builtin_memset(covered + i, drawn, (size_t)(end - i));
-    if (drawn) append_run(job, t, y, x + i, end - i, at + i, s);
-  }
-}
-
 // Fragments are shaded this many at a time, in steps that each go through all of them: what one step stores number by
 // number, the next loads by vectors, which a processor can do fast only when the stores are done.
-constexpr int kTogether = 64;
+constexpr int kTogether = kLookups;
 
-// The texels around some fragments: where they are, what they hold, and how far the fragments lie from the first of them.
-struct Footprints {
-  int32_t x[2][kTogether], y[2][kTogether];
-  float tx[kTogether], ty[kTogether];
-  float texel[2][2][3][kTogether];  // by row, column, channel
-};
-
-// Fetches the texels of n fragments; of `sides` by `sides` texels each.
-template <class Source>
-BIGTRI_INLINE void fetch(const Source& source, int width, int n, int sides, Footprints* f) {
-  for (int i = 0; i < n; ++i)
-    for (int row = 0; row < sides; ++row) {
-      const int64_t first = (int64_t)f->y[row][i] * width;
-      for (int column = 0; column < sides; ++column) {
-        const int64_t texel = (first + f->x[column][i]) * 3;
-        for (int c = 0; c < 3; ++c) f->texel[row][column][c][i] = linear_at(source, texel + c);
-      }
-    }
+// Multiplies the albedo of n fragments by a texture. u, v: their coordinates.
+template <class Texels>
+BIGTRI_INLINE void multiply_texture(const Texels& texels, const Texture& t, const Look& look, const float* u,
+                                    const float* v, int n, float albedo[3][kTogether]) {
+  const Wrap wrap = look.bits & kLookClamp ? Wrap::kClamp : Wrap::kRepeat;
+  const Filter filter = look.bits & kLookNearest ? Filter::kNearest : Filter::kBilinear;
+  float texel[kTogether][4];
+  if (are_numbered(t.height, t.width, 3)) {
+    Lookups at;
+    find_texels<3>(t.height, t.width, u, v, n, filter, wrap, &at);
+    blend_texels<3>(texels, (int64_t)t.height * t.width * 3, at, n, filter,
+                    [&](int i, const f32x4& value) { store(texel[i], value); });
+  } else {
+    for (int i = 0; i < n; ++i) sample(texels, t.height, t.width, 3, u[i], v[i], filter, wrap, texel[i]);
+  }
+  for (int i = 0; i < n; i += 16) {
+    f32x16 channel[3];
+    load_triples(texel[i], channel);
+    for (int c = 0; c < 3; ++c) store(albedo[c] + i, load<f32x16>(albedo[c] + i) * channel[c]);
+  }
 }
 
-template <class Source>
-BIGTRI_INLINE void fetch_all(const Source& source, int width, int n, int sides, Footprints* f) {
-  if (sides == 1)
-    fetch(source, width, n, 1, f);
-  else
-    fetch(source, width, n, 2, f);
-}
-
-// Multiplies the albedo of n fragments by their texels. u, v: their coordinates.
 void apply_texture(const ShadeJob& job, const Look& look, const float* u, const float* v, int n,
                    float albedo[3][kTogether]) {
   const Texture& t = job.surface.textures[look.texture];
-  const Wrap wrap = look.bits & kLookClamp ? Wrap::kClamp : Wrap::kRepeat;
-  const bool nearest = look.bits & kLookNearest;
-  Footprints f;
-  for (int i = 0; i < n; i += 16) {
-    f32x16 at_u = load<f32x16>(u + i), at_v = load<f32x16>(v + i), tx, ty;
-    i32x16 x[2], y[2];
-    wrap_coordinates(&at_u, &at_v, wrap);
-    if (nearest) {
-      nearest_texel(t.height, t.width, at_u, at_v, x, y);
-    } else {
-      bilinear_texels(t.height, t.width, at_u, at_v, wrap, x, y, &tx, &ty);
-      store(f.tx + i, tx);
-      store(f.ty + i, ty);
-    }
-    for (int k = 0; k < (nearest ? 1 : 2); ++k) {
-      store(f.x[k] + i, x[k]);
-      store(f.y[k] + i, y[k]);
-    }
-  }
   if (t.kind == Texels::kCodes8)
-    fetch_all(CodedTexels<uint8_t>{(const uint8_t*)t.texels, job.decoded8}, t.width, n, nearest ? 1 : 2, &f);
+    multiply_texture(CodedTexels<uint8_t>{(const uint8_t*)t.texels, job.decoded8}, t, look, u, v, n, albedo);
   else if (t.kind == Texels::kCodes16)
-    fetch_all(CodedTexels<uint16_t>{(const uint16_t*)t.texels, job.decoded16}, t.width, n, nearest ? 1 : 2, &f);
+    multiply_texture(CodedTexels<uint16_t>{(const uint16_t*)t.texels, job.decoded16}, t, look, u, v, n, albedo);
   else
-    fetch_all((const float*)t.texels, t.width, n, nearest ? 1 : 2, &f);
-  for (int i = 0; i < n; i += 16)
-    for (int c = 0; c < 3; ++c) {
-      const auto at = [&](int row, int column) { return load<f32x16>(f.texel[row][column][c] + i); };
-      f32x16 texel = at(0, 0);
-      if (!nearest) {
-        const f32x16 of[2][2] = {{texel, at(0, 1)}, {at(1, 0), at(1, 1)}};
-        texel = bilinear(of, load<f32x16>(f.tx + i), load<f32x16>(f.ty + i));
-      }
-      store(albedo[c] + i, load<f32x16>(albedo[c] + i) * texel);
-    }
+    multiply_texture((const float*)t.texels, t, look, u, v, n, albedo);
 }
 
 // Writes n triples to their places in an image of three floats a sample, if there is one.
@@ -294,24 +57,14 @@ BIGTRI_INLINE void scatter(float* image, const int32_t* at, int n, const float o
     for (int c = 0; c < 3; ++c) image[3 * (int64_t)at[i] + c] = of[c][i];
 }
 
-// Writes the sRGB codes of n colours to their pixels.
-BIGTRI_INLINE void encode_pixels(const ShadeJob& job, uint8_t* image, const int32_t* at, int n,
-                                 const float of[3][kTogether]) {
-  const SrgbTable& table = *job.srgb;
-  int32_t step[3][kTogether];
-  for (int i = 0; i < n; i += 16)
-    for (int c = 0; c < 3; ++c) {
-      const f32x16 v = load<f32x16>(of[c] + i), one = splat<f32x16>(1.0f);
-      const f32x16 inside = select(v > 0.0f, select(v > one, one, v), splat<f32x16>(0.0f));
-      store(step[c] + i, to_int(inside * (float)kSrgbSteps));
-    }
+// Writes the sRGB codes of n colours to their pixels. linear: the colours, within the table's steps.
+template <int kChannels>
+BIGTRI_INLINE void encode_pixels(const SrgbSteps& table, uint8_t* image, const int32_t* at, int n,
+                                 const float linear[3][kTogether]) {
   for (int i = 0; i < n; ++i) {
-    uint8_t* pixel = image + job.channels * (int64_t)at[i];
-    for (int c = 0; c < 3; ++c) {
-      const int from = table.start[step[c][i]];
-      pixel[c] = (uint8_t)(from + (table.thresholds[from] <= of[c][i]));
-    }
-    if (job.channels == 4) pixel[3] = 255;
+    uint8_t* pixel = image + kChannels * (int64_t)at[i];
+    for (int c = 0; c < 3; ++c) pixel[c] = encode_step(linear[c][i], table);
+    if (kChannels == 4) pixel[3] = 255;
   }
 }
 
@@ -326,7 +79,7 @@ void shade_together(const ShadeJob& job, const Targets& to, const Segment& segme
                     const ShadeScratch& s) {
   const Surface& f = job.surface;
   const int32_t* at = s.at + i;
-  float albedo[3][kTogether], normal[3][kTogether], linear[3][kTogether];
+  float albedo[3][kTogether], normal[3][kTogether], linear[3][kTogether], encoded[3][kTogether];
   for (int k = 0; k < n; k += 16)
     for (int c = 0; c < 3; ++c) store(albedo[c] + k, splat<f32x16>(segment.base[c]));
   if (segment.look.texture >= 0)
@@ -343,12 +96,16 @@ void shade_together(const ShadeJob& job, const Targets& to, const Segment& segme
       store(albedo[c] + k, base[c]);
       store(normal[c] + k, direction[c]);
       store(linear[c] + k, lit[c]);
+      store(encoded[c] + k, within_steps(lit[c]));
     }
   }
   scatter(to.albedo, at, n, albedo);
   scatter(to.normals, at, n, normal);
   scatter(to.linear, at, n, linear);
-  if (to.image) encode_pixels(job, to.image, at, n, linear);
+  if (to.image && job.channels == 4)
+    encode_pixels<4>(*job.srgb, to.image, at, n, encoded);
+  else if (to.image)
+    encode_pixels<3>(*job.srgb, to.image, at, n, encoded);
 }
 
 // Shades all fragments of the lists, and empties them.
@@ -367,20 +124,32 @@ BIGTRI_INLINE void fill(float* to, int n, const float color[3]) {
   for (int i = 0; to && i < 3 * n; ++i) to[i] = color[i % 3];
 }
 
+// kBin pixels of one colour, to copy from.
+struct Plain {
+  const uint8_t* color = nullptr;
+  alignas(64) uint8_t bytes[4 * kBin];
+};
+
+BIGTRI_INLINE void make_plain(const uint8_t color[4], int channels, Plain* plain) {
+  if (plain->color && __builtin_memcmp(plain->color, color, 4) == 0) return;
+  plain->color = color;
+  // Of three bytes a pixel the fourth is the next pixel's.
+  for (int i = 0; i < 8; ++i) __builtin_memcpy(plain->bytes + channels * i, color, 4);
+  for (int i = 8 * channels; i < channels * kBin; i *= 2) __builtin_memcpy(plain->bytes + i, plain->bytes, (size_t)i);
+}
+
 // n pixels of one colour. Around the caches where the pictures do not fit them.
-void fill_pixels(const ShadeJob& job, uint8_t* to, int n, const uint8_t color[4]) {
-  // 24 bytes are whole pixels of three channels and of four, and 192 are whole cache lines besides.
-  constexpr int kPiece = 192;
-  uint8_t piece[kPiece];
-  for (int i = 0; i < 24; ++i) piece[i] = color[i % job.channels];
-  for (int i = 24; i < kPiece; i *= 2) __builtin_memcpy(piece + i, piece, (size_t)i);
-  const int bytes = n * job.channels;
+void fill_pixels(const ShadeJob& job, uint8_t* to, int n, const Plain& plain) {
+  // Whole cache lines, of three channels and of four.
+  const int piece = kBin * job.channels, bytes = n * job.channels;
   int i = 0;
   if (job.streams && ((uintptr_t)to & 63) == 0)
-    for (; i + kPiece <= bytes; i += kPiece)
-      for (int k = 0; k < kPiece; k += 64) stream((int64_t*)(to + i + k), load<i64x8>((const int64_t*)(piece + k)));
-  for (; i + kPiece <= bytes; i += kPiece) __builtin_memcpy(to + i, piece, kPiece);
-  __builtin_memcpy(to + i, piece, (size_t)(bytes - i));
+    for (; i + piece <= bytes; i += piece)
+      for (int k = 0; k < piece; k += 64)
+        stream((int64_t*)(to + i + k), load<i64x8>((const int64_t*)(plain.bytes + k)));
+  for (; i + piece <= bytes; i += piece)
+    for (int k = 0; k < piece; k += 64) __builtin_memcpy(to + i + k, plain.bytes + k, 64);
+  __builtin_memcpy(to + i, plain.bytes, (size_t)(bytes - i));
 }
 
 // Fills rows [y, y + height) of samples of the outputs that have a value for each sample.
@@ -404,18 +173,26 @@ BIGTRI_INLINE uint8_t* pixel_at(const ShadeJob& job, int64_t view, int x, int y)
 void shade_background(const ShadeJob& job, int64_t view, int x, int y, int width, int height) {
   const int n = job.samples;
   if (job.albedo || job.normals || job.linear) fill_samples(job, view, x, y, width, height);
-  for (int row = y / n; row < (y + height) / n; ++row)
-    fill_pixels(job, pixel_at(job, view, x / n, row), width / n, job.background + 4 * row);
+  Plain plain;
+  for (int row = y / n; row < (y + height) / n; ++row) {
+    make_plain(job.background + 4 * row, job.channels, &plain);
+    fill_pixels(job, pixel_at(job, view, x / n, row), width / n, plain);
+  }
 }
 
-// A sample a pixel: the background of the whole block first, then fragments over it.
+// A sample a pixel: fragments, and the background where there are none.
 void shade_pixels(const ShadeJob& job, const ShadeBlock& b, ShadeScratch* s) {
-  shade_background(job, b.view, b.x, b.y, b.width, b.height);
+  if (job.albedo || job.normals || job.linear) fill_samples(job, b.view, b.x, b.y, b.width, b.height);
   const int64_t first = (b.view * job.height + b.y) * job.width + b.x;
   const auto image = [&](float* of) { return of ? of + 3 * first : nullptr; };
   const Targets to = {job.image + job.channels * first, image(job.albedo), image(job.normals), image(job.linear)};
+  Plain plain;
   for (int j = 0; j < b.height; ++j) {
-    append_row(job, b.view, b.packed + j * b.pitch, b.y + j, b.x, b.width, j * job.width, nullptr, s);
+    uint8_t* row = to.image + (int64_t)job.channels * j * job.width;
+    append_row(job, b.view, b.packed + j * b.pitch, b.y + j, b.x, b.width, j * job.width, s, [&](int i, int n) {
+      make_plain(job.background + 4 * (b.y + j), job.channels, &plain);
+      fill_pixels(job, row + job.channels * i, n, plain);
+    });
     if (s->count > kFragments) shade_fragments(job, to, s);
   }
   shade_fragments(job, to, s);
@@ -434,7 +211,9 @@ void shade_samples(const ShadeJob& job, const ShadeBlock& b, ShadeScratch* s) {
       // A pixel may be wider than a block.
       for (int x = 0; x < b.width; x += kBin) {
         const int some = min_of(kBin, b.width - x);
-        append_row(job, b.view, b.packed + j * b.pitch + x, b.y + j, b.x + x, some, 0, s->covered, s);
+        __builtin_memset(s->covered, true, (size_t)some);
+        append_row(job, b.view, b.packed + j * b.pitch + x, b.y + j, b.x + x, some, 0, s,
+                   [&](int i, int n) { __builtin_memset(s->covered + i, false, (size_t)n); });
         const int64_t first = 3 * ((b.view * job.height + b.y + j) * job.width + b.x + x);
         const auto image = [&](float* of) { return of ? of + first : nullptr; };
         float linear[3 * kBin];

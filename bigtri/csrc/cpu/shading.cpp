@@ -24,12 +24,14 @@ const float* decoded() {
 template const float* decoded<uint8_t>();
 template const float* decoded<uint16_t>();
 
-const SrgbTable& srgb_table(const float* thresholds) {
-  static thread_local SrgbTable table;
+const SrgbSteps& srgb_steps(const float* thresholds) {
+  static thread_local SrgbSteps table;
+  static thread_local float made_of[255];
   static thread_local bool made = false;
-  if (!made || memcmp(table.thresholds, thresholds, 255 * sizeof(float)) != 0) {
+  if (!made || memcmp(made_of, thresholds, sizeof made_of) != 0) {
     const FloatMode mode;
-    fill_srgb_table(thresholds, &table);
+    fill_srgb_steps(thresholds, &table);
+    memcpy(made_of, thresholds, sizeof made_of);
     made = true;
   }
   return table;
@@ -93,7 +95,7 @@ void lambert(const float* normals, const float* albedo, const float* ambient, co
 }
 
 void encode_srgb(const float* linear, const float* thresholds, int64_t count, uint8_t* out, const Parallel& parallel) {
-  const SrgbTable& table = srgb_table(thresholds);
+  const SrgbSteps& table = srgb_steps(thresholds);
   in_blocks(parallel, count, 65536, [&](int64_t begin, int64_t end) {
     current_kernels().attributes.encode_srgb(linear + begin, table, end - begin, out + begin);
   });

@@ -112,52 +112,6 @@ BIGTRI_INLINE f32x8 fused(const f32x8& a, const f32x8& b, const f32x8& c) {
 }
 #endif
 
-// A divisor of many quotients: correctly rounded as divisions are, but three times as fast with AVX2 and AVX-512, where
-// Markstein's theorem serves as it does on the GPU (Divisor in core/numerics.h). T is double, or a vector of doubles.
-template <class T>
-struct FastDivisor {
-  T value, inverse;
-};
-#if BIGTRI_SIMD >= 256
-template <class T>
-BIGTRI_INLINE FastDivisor<T> fast_divisor(const T& v) {
-  return {v, 1.0 / v};
-}
-
-// a * b + c, rounded once.
-BIGTRI_INLINE f64x8 multiply_add(const f64x8& a, const f64x8& b, const f64x8& c) {
-  f64x8 r;
-#if BIGTRI_SIMD >= 512
-  r.part[0] = (f64x8::Vector)_mm512_fmadd_pd((__m512d)a.part[0], (__m512d)b.part[0], (__m512d)c.part[0]);
-#else
-  for (int i = 0; i < 2; ++i)
-    r.part[i] = (f64x8::Vector)_mm256_fmadd_pd((__m256d)a.part[i], (__m256d)b.part[i], (__m256d)c.part[i]);
-#endif
-  return r;
-}
-BIGTRI_INLINE f64x8 lanes_of(double v) { return splat<f64x8>(v); }
-BIGTRI_INLINE const f64x8& lanes_of(const f64x8& v) { return v; }
-
-template <class T>
-BIGTRI_INLINE f64x8 quotient(const f64x8& v, const FastDivisor<T>& by) {
-  const f64x8 negated = lanes_of(-1.0 * by.value), inverse = lanes_of(by.inverse);
-  f64x8 q = v * inverse;
-  q = multiply_add(multiply_add(negated, q, v), inverse, q);
-  return multiply_add(multiply_add(negated, q, v), inverse, q);
-}
-#else
-template <class T>
-BIGTRI_INLINE FastDivisor<T> fast_divisor(const T& v) {
-  return {v, v};
-}
-template <class T>
-BIGTRI_INLINE f64x8 quotient(const f64x8& v, const FastDivisor<T>& by) {
-  return v / by.value;
-}
-#endif
-// divisor_like (core/attributes.h) of a vector.
-BIGTRI_INLINE FastDivisor<f64x8> divisor_like(const f64x8& v, const FastDivisor<double>&) { return fast_divisor(v); }
-
 // reciprocal (core/attributes.h) of each.
 BIGTRI_INLINE f32x8 reciprocal(const f32x8& v) {
   f32x8 start;
@@ -210,6 +164,27 @@ BIGTRI_INLINE Lanes<float, N> square_root(const Lanes<float, N>& v) {
   return r;
 }
 
+#if BIGTRI_SIMD >= 256
+// floor_any and floor_small (core/texture.h) of each.
+template <int N>
+BIGTRI_INLINE Lanes<float, N> floor_any(const Lanes<float, N>& v) {
+  Lanes<float, N> r;
+  for (int i = 0; i < r.kParts; ++i) {
+#if BIGTRI_SIMD >= 512
+    if constexpr (Lanes<float, N>::kWidth == 16)
+      r.part[i] = (typename Lanes<float, N>::Vector)_mm512_roundscale_ps((__m512)v.part[i], _MM_FROUND_TO_NEG_INF);
+    else
+#endif
+      r.part[i] = (typename Lanes<float, N>::Vector)_mm256_floor_ps((__m256)v.part[i]);
+  }
+  return r;
+}
+template <int N>
+BIGTRI_INLINE Lanes<float, N> floor_small(const Lanes<float, N>& v) {
+  return floor_any(v);
+}
+#endif
+
 // inner_part and share_of (core/attributes.h) of each.
 BIGTRI_INLINE f64x8 inner_part(const f64x8& u, const f64x8& turn) {
   const f64x8 none = splat<f64x8>(0.0), towards = select<double, 8>(turn < 0.0, none - u, u);
@@ -255,6 +230,18 @@ BIGTRI_INLINE uint32_t sign_mask(const Lanes<int32_t, N>& v) {
     mask |= some << (i * v.kWidth);
   }
   return mask;
+}
+
+BIGTRI_INLINE uint32_t sign_mask(const f64x8& v) {
+#if BIGTRI_SIMD >= 512
+  return _mm512_movepi64_mask((__m512i)v.part[0]);
+#elif BIGTRI_SIMD >= 256
+  return (uint32_t)(_mm256_movemask_pd((__m256d)v.part[0]) | _mm256_movemask_pd((__m256d)v.part[1]) << 4);
+#else
+  uint32_t mask = 0;
+  for (int i = 0; i < 8; ++i) mask |= (uint32_t)(double_bits(v[i]) >> 63) << i;
+  return mask;
+#endif
 }
 
 // Bit i: a[i] > b[i]. False for a NaN.
@@ -478,6 +465,39 @@ BIGTRI_INLINE f32x8 depths_of(const i64x8& packed) {
   r = load<f32x8>(f);
 #endif
   return r;
+}
+
+// Sixteen groups of four floats: out[c] takes element c of each. The fourth ones are left behind.
+BIGTRI_INLINE void load_triples(const float* from, f32x16 out[3]) {
+#if BIGTRI_SIMD >= 512
+  // Elements c and c + 1 of eight groups each, then of all sixteen.
+  const __m512i pairs = _mm512_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28, 1, 5, 9, 13, 17, 21, 25, 29);
+  const __m512i third = _mm512_add_epi32(pairs, _mm512_set1_epi32(2));
+  const __m512 a = _mm512_loadu_ps(from), b = _mm512_loadu_ps(from + 16), c = _mm512_loadu_ps(from + 32),
+               d = _mm512_loadu_ps(from + 48);
+  const __m512 low = _mm512_permutex2var_ps(a, pairs, b), high = _mm512_permutex2var_ps(c, pairs, d);
+  out[0].part[0] = (f32x16::Vector)_mm512_shuffle_f32x4(low, high, _MM_SHUFFLE(1, 0, 1, 0));
+  out[1].part[0] = (f32x16::Vector)_mm512_shuffle_f32x4(low, high, _MM_SHUFFLE(3, 2, 3, 2));
+  out[2].part[0] = (f32x16::Vector)_mm512_shuffle_f32x4(_mm512_permutex2var_ps(a, third, b),
+                                                        _mm512_permutex2var_ps(c, third, d), _MM_SHUFFLE(1, 0, 1, 0));
+#elif BIGTRI_SIMD >= 256
+  for (int i = 0; i < 2; ++i) {
+    __m256 both[4];  // group k in the lower half, group k + 4 in the upper one
+    for (int k = 0; k < 4; ++k)
+      both[k] = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(from + 32 * i + 4 * k)),
+                                     _mm_loadu_ps(from + 32 * i + 4 * (k + 4)), 1);
+    const __m256 low = _mm256_unpacklo_ps(both[0], both[1]), high = _mm256_unpacklo_ps(both[2], both[3]);
+    out[0].part[i] = (f32x16::Vector)_mm256_shuffle_ps(low, high, _MM_SHUFFLE(1, 0, 1, 0));
+    out[1].part[i] = (f32x16::Vector)_mm256_shuffle_ps(low, high, _MM_SHUFFLE(3, 2, 3, 2));
+    out[2].part[i] = (f32x16::Vector)_mm256_shuffle_ps(_mm256_unpackhi_ps(both[0], both[1]),
+                                                       _mm256_unpackhi_ps(both[2], both[3]), _MM_SHUFFLE(1, 0, 1, 0));
+  }
+#else
+  float element[3][16];
+  for (int i = 0; i < 16; ++i)
+    for (int c = 0; c < 3; ++c) element[c][i] = from[4 * i + c];
+  for (int c = 0; c < 3; ++c) out[c] = load<f32x16>(element[c]);
+#endif
 }
 
 // Streaming store: past the caches, for memory that is not read again soon. `to` is 64-byte aligned. Other threads see

@@ -150,7 +150,6 @@ template <int kWarps>
 __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __grid_constant__ Frame f, int room) {
   extern __shared__ __align__(16) char memory[];
   FewShared<kWarps>* const s = reinterpret_cast<FewShared<kWarps>*>(memory);
-  let_next_begin();
   const int dropped = set_up_few(f, s);
   if (blockIdx.x == 0 && threadIdx.x == 0) *f.dropped = dropped;
   if (s->waiting_count[0] > 0) clip_few(f, s, 0);
@@ -231,9 +230,9 @@ template <int kWarps>
 __global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps)
     draw_waiting(const __grid_constant__ Frame f, const __grid_constant__ Waiting w, int room) {
   __shared__ SliverShared shared;
-  let_next_begin();
   begin_turn<kWarps, true>(f, blockIdx.x);
   wait_for_previous();
+  let_next_begin();
   const uint64_t count = *w.count();
   if (count > 0) {
     if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.common_count(), true);

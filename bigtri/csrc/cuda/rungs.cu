@@ -6,12 +6,13 @@
 
 namespace bigtri {
 
-#define BIGTRI_OF_RUNG(RUNG)                                                                         \
-  namespace RUNG {                                                                                   \
-  extern const CudaVariant* const kCudaVariants[];                                                   \
-  cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream);                       \
-  int64_t shading_scratch(const Shading& job);                                                       \
-  cudaError_t shade_cuda(const Shading& job, bool drawn_before, void* scratch, cudaStream_t stream); \
+#define BIGTRI_OF_RUNG(RUNG)                                                              \
+  namespace RUNG {                                                                        \
+  extern const CudaVariant* const kCudaVariants[];                                        \
+  cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream);            \
+  int64_t shading_scratch(const Shading& job);                                            \
+  cudaError_t begin_shading_cuda(const Shading& job, void* scratch, cudaStream_t stream); \
+  cudaError_t shade_cuda(const Shading& job, void* scratch, cudaStream_t stream);         \
   }
 BIGTRI_RUNGS(BIGTRI_OF_RUNG)
 #if defined(BIGTRI_WITH_LADDER)
@@ -20,8 +21,9 @@ BIGTRI_LADDER(BIGTRI_OF_RUNG)
 #undef BIGTRI_OF_RUNG
 
 const CudaRung kCudaRungs[] = {
-#define BIGTRI_LISTED(RUNG) \
-  {#RUNG, RUNG::kCudaVariants, RUNG::interpolate_cuda, RUNG::shading_scratch, RUNG::shade_cuda},
+#define BIGTRI_LISTED(RUNG)                                                                                       \
+  {#RUNG,           RUNG::kCudaVariants, RUNG::interpolate_cuda, RUNG::shading_scratch, RUNG::begin_shading_cuda, \
+   RUNG::shade_cuda},
     BIGTRI_RUNGS(BIGTRI_LISTED)
 #if defined(BIGTRI_WITH_LADDER)
         BIGTRI_LADDER(BIGTRI_LISTED)

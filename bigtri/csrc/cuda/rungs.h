@@ -11,10 +11,11 @@ struct CudaRung {
   const char* name;
   const CudaVariant* const* variants;  // ends with null; the one that "auto" means first
   cudaError_t (*interpolate)(const Interpolation& job, cudaStream_t stream);
-  // The shading pass, and bytes of the memory that it works with. drawn_before: whether the kernels of the frame that it
-  // finishes are right before it in the stream; else anything may be.
+  // The shading pass: bytes of the memory that it works with; what it needs beside a visibility buffer, which may be made
+  // at the same time; and the pass.
   int64_t (*shading_scratch)(const Shading& job);
-  cudaError_t (*shade)(const Shading& job, bool drawn_before, void* scratch, cudaStream_t stream);
+  cudaError_t (*begin_shading)(const Shading& job, void* scratch, cudaStream_t stream);
+  cudaError_t (*shade)(const Shading& job, void* scratch, cudaStream_t stream);
 };
 
 // All of them, the default first; ends with a null name.

@@ -12,16 +12,18 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // Two kernels make a picture. begin_frame makes tables, clips what has to be clipped, each triangle once, and where a
-// triangle has many pixels on average, it sets up all of them. It needs nothing of what the triangles are drawn with, and
-// overlaps with the end of that. Then `shade` finishes a pixel a lane. Pixels of a clipped triangle for which there was no
-// memory are left to a third kernel, shade_left, which ends at once where there are none. Where several samples make a
-// pixel all of them work on samples, and add_samples adds those up.
+// triangle has many pixels on average, it sets up all of them. It may run beside the frame's own kernels. Behind both
+// `shade` finishes a pixel a lane. Pixels of a clipped triangle for which there was no memory are
+// left to a third kernel, shade_left, which ends at once where there are none. Where several samples make a pixel all of
+// them work on samples, and add_samples adds those up.
 
 constexpr int kShadeWarps = 4;  // of a block, in all kernels but begin_frame
 constexpr int kShadeThreads = kShadeWarps * kWarp;
 constexpr int kBeginWarps = 8;
 constexpr int kBeginThreads = kBeginWarps * kWarp;
-constexpr int kWordsEach = 1;         // that a warp of `shade` takes; a word is 32 pixels next to each other
+// A word is 32 pixels next to each other. In a large picture, where words of the background are most, a warp takes several.
+constexpr int kWordsOfLarge = 4;
+constexpr int64_t kPixelsOfLarge = 4 << 20;
 constexpr int kPixelsAtOnce = 1 << 30;  // that `shade` is launched for, unless one view has more
 constexpr int kFewestPlaces = 4;      // for the clipped triangles of a block of begin_frame
 constexpr int kMostPlaces = 32;
@@ -235,42 +237,60 @@ __device__ __forceinline__ void store_word(const Shading& job, uint32_t first, u
   }
 }
 
-// A warp takes kWordsEach words, the device shares out the warps: a word that a model covers takes ten times as long as
-// one of the background, and a model covers a part of the picture.
-template <bool kPrepared>
-__global__ void __launch_bounds__(kShadeThreads, kPrepared ? 7 : 6)
+// A warp takes a word, or kWords, which it loads at once and then goes through. Words of the background take no longer
+// than it takes to load them. The device shares out the warps: a word that a model covers takes ten times as long, and a
+// model covers a part of the picture.
+template <bool kPrepared, int kWords>
+__global__ void __launch_bounds__(kShadeThreads, 8)
     shade(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   wait_for_previous();
-  const int lane = lane_id();
-  const uint32_t start = (blockIdx.x * kShadeWarps + this_warp()) * (kWordsEach * kWarp) + lane;
-  int32_t triangles[kWordsEach];
-#pragma unroll
-  for (int j = 0; j < kWordsEach; ++j)
-    triangles[j] = start + j * kWarp < work.pixels ? triangle_of(job, start + j * kWarp) : -1;
-#pragma unroll 1
-  for (int j = 0; j < kWordsEach; ++j) {
-    const uint32_t i = start + j * kWarp, first = i - lane;
-    if (first >= work.pixels) return;
-    int32_t triangle = triangles[0];
-#pragma unroll
-    for (int m = 1; m < kWordsEach; ++m)
-      if (j == m) triangle = triangles[m];
-    const uint32_t row = quotient(min_of(i, work.pixels - 1), work.width);
-    uint32_t color = work.background ? __ldg(work.background + row) : 0;
+  const uint32_t start = (blockIdx.x * kShadeWarps + this_warp()) * (kWords * kWarp), lane = lane_id();
+  const auto row_of = [&](uint32_t i) { return quotient(min_of(i, work.pixels - 1), work.width); };
+  const auto background_of = [&](uint32_t i) { return work.background ? __ldg(work.background + row_of(i)) : 0; };
+  // One word, of these triangles, with all lanes. color: of the background.
+  const auto finish_word = [&](uint32_t first, int32_t triangle, uint32_t color) {
+    const uint32_t i = first + lane;
     Pixel pixel = Pixel::kBackground;
     Finished finished;
     if (triangle >= 0) {
-      pixel = shade_pixel<kPrepared>(job, work, place_of(work, i, row), triangle, &finished);
+      pixel = shade_pixel<kPrepared>(job, work, place_of(work, i, row_of(i)), triangle, &finished);
       if (pixel == Pixel::kDrawn && job.image) color = encoded(*work.codes, finished.linear);
       if (pixel == Pixel::kLeft) *work.any_left = 1;
     }
     if (work.beside) {
-      if (pixel == Pixel::kBackground) finish_background(job, place_of(work, i, row).y, &finished);
+      if (pixel == Pixel::kBackground) finish_background(job, place_of(work, i, row_of(i)).y, &finished);
       if (pixel != Pixel::kLeft && i < work.pixels) store_beside(job, finished, i);
       const unsigned drawn = __ballot_sync(kAllLanes, pixel == Pixel::kDrawn);
-      if (work.drawn && lane == 0) work.drawn[first / kWarp] = drawn;
+      if (work.drawn && lane == 0 && first < work.pixels) work.drawn[first / kWarp] = drawn;
     }
     if (job.image) store_word(job, first, work.pixels, color);
+  };
+  int32_t triangles[kWords];
+  uint32_t colors[kWords];
+#pragma unroll
+  for (int j = 0; j < kWords; ++j) {
+    const uint32_t i = start + j * kWarp + lane;
+    triangles[j] = i < work.pixels ? triangle_of(job, i) : -1;
+    colors[j] = background_of(i);
+  }
+  if constexpr (kWords == 1) return finish_word(start, triangles[0], colors[0]);
+  unsigned covered = 0;
+#pragma unroll
+  for (int j = 0; j < kWords; ++j) {
+    if (work.beside || __any_sync(kAllLanes, triangles[j] >= 0))
+      covered |= 1u << j;
+    else
+      store_word(job, start + j * kWarp, work.pixels, colors[j]);
+  }
+#pragma unroll 1
+  for (; covered; covered &= covered - 1) {
+    const int j = __ffs(covered) - 1;
+    int32_t triangle = triangles[0];
+#pragma unroll
+    for (int m = 1; m < kWords; ++m)
+      if (j == m) triangle = triangles[m];
+    const uint32_t first = start + j * kWarp;
+    finish_word(first, triangle, background_of(first + lane));
   }
 }
 
@@ -415,26 +435,25 @@ int64_t shading_scratch(const Shading& job) {
   return scratch.used;
 }
 
-cudaError_t shade_cuda(const Shading& given, bool drawn_before, void* memory, cudaStream_t stream) {
+cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t stream) {
+  Scratch scratch = {static_cast<char*>(memory)};
+  const Layout at = lay_out(job, &scratch);
+  for (int first = kTexturesAtOnce; first < job.surface.texture_count; first += kTexturesAtOnce)
+    BIGTRI_CUDA(
+        launch_first(put_textures, 1, kTexturesAtOnce, 0, stream, some_textures(job.surface, first), at.work.textures));
+  Thresholds thresholds;
+  for (int i = 0; i < 255; ++i) thresholds.value[i] = job.thresholds[i];
+  const auto blocks_of_items = [](int64_t items) { return (items + kBeginThreads - 1) / kBeginThreads; };
+  const int64_t for_triangles = blocks_of_items(job.views * job.count),
+                for_tables = blocks_of_items(max_of<int64_t>(kSrgbSteps + 1, job.views * job.height));
+  return launch_first(begin_frame, for_triangles + for_tables, kBeginThreads, 0, stream, job, at.work, thresholds,
+                      some_textures(job.surface, 0), (unsigned)for_triangles);
+}
+
+cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   const Layout at = lay_out(given, &scratch);
-  for (int first = kTexturesAtOnce; first < given.surface.texture_count; first += kTexturesAtOnce)
-    BIGTRI_CUDA(launch_first(put_textures, 1, kTexturesAtOnce, 0, stream, some_textures(given.surface, first),
-                             at.work.textures));
-  Thresholds thresholds;
-  for (int i = 0; i < 255; ++i) thresholds.value[i] = given.thresholds[i];
   const int64_t of_view = (int64_t)given.height * given.width;
-  const auto blocks_of_items = [](int64_t items) { return (items + kBeginThreads - 1) / kBeginThreads; };
-  const int64_t for_triangles = blocks_of_items(given.views * given.count);
-  const int64_t begin_blocks =
-      for_triangles + blocks_of_items(max_of<int64_t>(kSrgbSteps + 1, given.views * given.height));
-  const auto begin = [&](auto launch) {
-    return launch(begin_frame, begin_blocks, kBeginThreads, 0, stream, given, at.work, thresholds,
-                  some_textures(given.surface, 0), (unsigned)for_triangles);
-  };
-  BIGTRI_CUDA(drawn_before ? begin([](auto... a) { return launch_next(a...); })
-                           : begin([](auto... a) { return launch_first(a...); }));
-
   const bool several = given.samples > 1;
   for (int64_t view = 0; view < given.views; view += views_at_once(given)) {
     Shading job = given;
@@ -454,9 +473,10 @@ cudaError_t shade_cuda(const Shading& given, bool drawn_before, void* memory, cu
       job.image = nullptr;
       if (!job.linear) job.linear = at.linear;
     }
-    const auto kernel = work.prepared ? shade<true> : shade<false>;
-    constexpr int kOfBlock = kShadeThreads * kWordsEach;
-    BIGTRI_CUDA(launch_next(kernel, (pixels + kOfBlock - 1) / kOfBlock, kShadeThreads, 0, stream, job, work));
+    const bool large = work.prepared && of_view >= kPixelsOfLarge;
+    const auto kernel = large ? shade<true, kWordsOfLarge> : work.prepared ? shade<true, 1> : shade<false, 1>;
+    const int of_block = kShadeThreads * (large ? kWordsOfLarge : 1);
+    BIGTRI_CUDA(launch_next(kernel, (pixels + of_block - 1) / of_block, kShadeThreads, 0, stream, job, work));
     int blocks;
     BIGTRI_CUDA(blocks_of(shade_left, (pixels + kWarp - 1) / kWarp, &blocks));
     BIGTRI_CUDA(launch_next(shade_left, blocks, kShadeThreads, 0, stream, job, work));

@@ -3,6 +3,7 @@
 
 #include "cuda.h"
 #include "rasterize_checks.h"
+#include "side_stream.h"
 #include "surface_checks.h"
 
 namespace bigtri {
@@ -70,7 +71,8 @@ void shade_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& 
   if (shading.job.views == 0) return;
   const torch::stable::accelerator::DeviceGuard guard(device);
   const Tensor scratch = scratch_of(rung.shading_scratch(shading.job), device);
-  check_launch(op, rung.shade(shading.job, /*drawn_before=*/false, scratch.mutable_data_ptr(), current_stream(device)));
+  check_launch(op, rung.begin_shading(shading.job, scratch.mutable_data_ptr(), current_stream(device)));
+  check_launch(op, rung.shade(shading.job, scratch.mutable_data_ptr(), current_stream(device)));
 }
 
 // height and width are those of the samples. packed and depth are written where they are not None.
@@ -115,8 +117,11 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   const Tensor drawing = scratch_of(variant.scratch_bytes(frame, values.data()), device);
   shading.job.packed = frame.packed;
   const Tensor scratch = scratch_of(rung.shading_scratch(shading.job), device);
+  const SideStream side(op, device, stream);
+  check_launch(op, rung.begin_shading(shading.job, scratch.mutable_data_ptr(), side.stream()));
   check_launch(op, variant.draw(frame, values.data(), drawing.mutable_data_ptr(), stream));
-  check_launch(op, rung.shade(shading.job, /*drawn_before=*/true, scratch.mutable_data_ptr(), stream));
+  side.join();
+  check_launch(op, rung.shade(shading.job, scratch.mutable_data_ptr(), stream));
 }
 
 }  // namespace

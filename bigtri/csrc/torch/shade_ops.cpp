@@ -40,7 +40,7 @@ void check_shading(const char* op, const CpuRung& rung, const Tensor& positions,
   job.views = views;
   job.height = (int)height;
   job.width = (int)width;
-  job.srgb = &srgb_table(const_data<float>(thresholds));
+  job.srgb = &srgb_steps(const_data<float>(thresholds));
   job.decoded8 = decoded<uint8_t>();
   job.decoded16 = decoded<uint16_t>();
   job.image = data<uint8_t>(picture.image);

@@ -1,0 +1,44 @@
+// Work that runs beside a stream's own.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <vector>
+
+#include "cuda.h"
+
+namespace bigtri {
+
+// What is put into stream() runs behind all that is in another stream now, and beside what comes into that one until
+// join(): that waits for it. A CUDA graph that captures the other stream captures this too. The calling thread has one
+// such stream for each device, so that no thread's capture meets another thread's work.
+class SideStream {
+ public:
+  SideStream(const char* op, int device, cudaStream_t beside) : op_(op), beside_(beside) {
+    static thread_local std::vector<cudaStream_t> of_device;
+    if (of_device.size() <= (size_t)device) of_device.resize((size_t)device + 1);
+    if (!of_device[(size_t)device])
+      check_launch(op, cudaStreamCreateWithFlags(&of_device[(size_t)device], cudaStreamNonBlocking));
+    stream_ = of_device[(size_t)device];
+    let_wait(stream_, beside_);
+  }
+
+  cudaStream_t stream() const { return stream_; }
+  void join() const { let_wait(beside_, stream_); }
+
+ private:
+  // Lets a stream wait for all that is in another one now.
+  void let_wait(cudaStream_t waiting, cudaStream_t other) const {
+    cudaEvent_t event;
+    check_launch(op_, cudaEventCreateWithFlags(&event, cudaEventDisableTiming));
+    const cudaError_t recorded = cudaEventRecord(event, other),
+                      waits = recorded == cudaSuccess ? cudaStreamWaitEvent(waiting, event, 0) : recorded;
+    cudaEventDestroy(event);  // when it is no longer needed
+    check_launch(op_, waits);
+  }
+
+  const char* op_;
+  cudaStream_t beside_, stream_;
+};
+
+}  // namespace bigtri
