@@ -176,7 +176,7 @@ def build_rung(folder: Path, rung: str) -> ctypes.CDLL:
 @functools.cache
 def unchanged(rung: str) -> Path:
     """A folder with the kernels as they are, compiled once in a process."""
-    folder = Path(workspace().name) / rung
+    folder = Path(tempfile.mkdtemp(dir=workspace().name)) / rung
     if rung == "exact":
         build(folder)
     else:
