@@ -6,11 +6,23 @@
 
 namespace bigtri {
 
-// directions, colors: [lights, 3], of the lights. normal, albedo, ambient, out: [3]. The normal need not have length 1. F
-// is float, or a vector of floats.
-template <class F>
-BIGTRI_HD void lambert(const F normal[3], const F albedo[3], const float ambient[3], const float* directions,
-                       const float* colors, int64_t lights, F out[3]) {
+struct Light {
+  float direction[3], color[3];
+};
+// Lights whose directions and colours are arrays, [lights, 3].
+struct LightArrays {
+  const float *directions, *colors;
+};
+BIGTRI_HD Light light_at(const LightArrays& lights, int64_t l) {
+  const float *d = lights.directions + 3 * l, *c = lights.colors + 3 * l;
+  return {{d[0], d[1], d[2]}, {c[0], c[1], c[2]}};
+}
+
+// normal, albedo, ambient, out: [3]. The normal need not have length 1. F is float, or a vector of floats; Lights: what
+// light_at takes.
+template <class F, class Lights>
+BIGTRI_HD void lambert(const F normal[3], const F albedo[3], const float ambient[3], const Lights& lights,
+                       int64_t count, F out[3]) {
   const F s = (normal[0] * normal[0] + normal[1] * normal[1]) + normal[2] * normal[2], length = square_root(s);
   F n[3], c[3];
   for (int i = 0; i < 3; ++i) {
@@ -19,11 +31,11 @@ BIGTRI_HD void lambert(const F normal[3], const F albedo[3], const float ambient
     n[i] = select(s > 0.0f, normal[i] / length, constant(0.0f, s));
     c[i] = constant(ambient[i], s);
   }
-  for (int64_t l = 0; l < lights; ++l) {
-    const float* d = directions + 3 * l;
-    const F facing = (n[0] * d[0] + n[1] * d[1]) + n[2] * d[2];
+  for (int64_t l = 0; l < count; ++l) {
+    const Light light = light_at(lights, l);
+    const F facing = (n[0] * light.direction[0] + n[1] * light.direction[1]) + n[2] * light.direction[2];
     const F cosine = select(facing > 0.0f, facing, constant(0.0f, s));
-    for (int i = 0; i < 3; ++i) c[i] = c[i] + colors[3 * l + i] * cosine;
+    for (int i = 0; i < 3; ++i) c[i] = c[i] + light.color[i] * cosine;
   }
   for (int i = 0; i < 3; ++i) out[i] = albedo[i] * c[i];
 }
@@ -45,37 +57,8 @@ BIGTRI_HD float decode_srgb(int code) {
   return (float)(root * root * root);
 }
 
-// Steps of [0, 1] in a table of where the search for a value's sRGB byte begins. Neighbouring thresholds lie at least
-// 1 / (255 * 12.92) > 1 / 4096 apart, the distance in the dark, so that a step holds one of them at most.
-constexpr int kSrgbSteps = 4096;
-struct SrgbTable {
-  float thresholds[256];  // ascending; the last one is a NaN, which no value reaches, not even an infinity
-  uint8_t start[kSrgbSteps + 1];  // start[k]: how many thresholds are <= k / kSrgbSteps
-};
-
-// The step that a value lies in; that of 0 for a NaN.
-BIGTRI_HD int srgb_step(float v) { return (int)((v > 0.0f ? min_of(v, 1.0f) : 0.0f) * kSrgbSteps); }
-
-// The sRGB byte of a linear value: the number of thresholds that are <= v. A NaN gives 0.
-BIGTRI_HD uint8_t encode_srgb(float v, const SrgbTable& table) {
-  const int from = table.start[srgb_step(v)];
-  return (uint8_t)(from + (table.thresholds[from] <= v));
-}
-
-// The same with what a step needs in one place, for a GPU, where a look-up takes its time.
-struct SrgbSteps {
-  struct Step {
-    float next;   // the first threshold that is not below the step, or a NaN
-    int32_t start;
-  } step[kSrgbSteps + 1];
-};
-BIGTRI_HD uint8_t encode_srgb(float v, const SrgbSteps& table) {
-  const SrgbSteps::Step at = table.step[srgb_step(v)];
-  return (uint8_t)(at.start + (at.next <= v));
-}
-
-// The same by binary search in thresholds [255]. It takes eight comparisons for any v, so the threads of a warp do not
-// diverge.
+// The sRGB byte of a linear value: the number of thresholds that are <= v. A NaN gives 0. This is a binary search in
+// thresholds [255], ascending, which takes eight comparisons for any v.
 BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds) {
   int from = 0;
   for (int step = 128; step > 0; step /= 2)
@@ -88,11 +71,12 @@ BIGTRI_HD uint8_t encode_srgb(float v, const float* thresholds) {
 // further apart, 2.4 / 255 / 1.055 of their value or more, so that a step holds one of them at most.
 constexpr float kSrgbLeast = 1.0f / 8192;
 constexpr uint32_t kSrgbFirstStep = 0x3900, kSrgbLastStep = 0x3f80;  // the upper halves of 2^-13 and of 1
+constexpr uint32_t kSrgbSteps = kSrgbLastStep - kSrgbFirstStep + 1;
 struct SrgbSteps {
   // Of each step, 2^16 times the byte of its first value. Where it holds a threshold, what the lower half of that one's
   // bits lacks to 2^16 is added: with the lower half of a value's bits it carries into the byte from the threshold on. The
   // upper half of the bits is subtracted beforehand, so that all of a value's bits can be added. Modulo 2^32.
-  uint32_t byte[kSrgbLastStep - kSrgbFirstStep + 1];
+  uint32_t byte[kSrgbSteps];
 };
 
 // v, brought to where the table has steps; to the least one if it is a NaN. F is float, or a vector of floats.
@@ -110,13 +94,16 @@ BIGTRI_HD uint8_t encode_step(float v, const SrgbSteps& table) {
 
 BIGTRI_HD uint8_t encode_srgb(float v, const SrgbSteps& table) { return encode_step(within_steps(v), table); }
 
-inline void fill_srgb_steps(const float thresholds[255], SrgbSteps* table) {
-  for (uint32_t step = kSrgbFirstStep, from = 0; step <= kSrgbLastStep; ++step) {
-    while (from < 255 && thresholds[from] <= bits_float(step << 16)) ++from;
-    const bool holds = from < 255 && float_bits(thresholds[from]) >> 16 == step;
-    const uint32_t lack = holds ? ((step + 1) << 16) - float_bits(thresholds[from]) : 0;
-    table->byte[step - kSrgbFirstStep] = (from << 16) + lack - (step << 16);
-  }
+// What the table has of a step.
+BIGTRI_HD uint32_t srgb_step(const float* thresholds, uint32_t step) {
+  const uint32_t from = encode_srgb(bits_float(step << 16), thresholds);
+  const bool holds = from < 255 && float_bits(thresholds[from]) >> 16 == step;
+  const uint32_t lack = holds ? ((step + 1) << 16) - float_bits(thresholds[from]) : 0;
+  return (from << 16) + lack - (step << 16);
+}
+
+inline void fill_srgb_steps(const float* thresholds, SrgbSteps* table) {
+  for (uint32_t i = 0; i < kSrgbSteps; ++i) table->byte[i] = srgb_step(thresholds, kSrgbFirstStep + i);
 }
 
 }  // namespace bigtri

@@ -197,7 +197,7 @@ void stage_interpolate_row(const AttributeJob& job, int64_t view, int64_t y, Par
 void stage_lambert(const float* normals, const float* albedo, const float* ambient, const float* directions,
                    const float* colors, int64_t lights, int64_t count, float* out) {
   for (int64_t i = 0; i < count; ++i)
-    lambert(normals + 3 * i, albedo + 3 * i, ambient, directions, colors, lights, out + 3 * i);
+    lambert(normals + 3 * i, albedo + 3 * i, ambient, LightArrays{directions, colors}, lights, out + 3 * i);
 }
 
 void stage_encode_srgb(const float* linear, const SrgbSteps& table, int64_t count, uint8_t* out) {

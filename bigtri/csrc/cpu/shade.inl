@@ -91,7 +91,7 @@ void shade_together(const ShadeJob& job, const Targets& to, const Segment& segme
       if (segment.look.bits & kLookVertexColors) base[c] = base[c] * load<f32x16>(s.channel[kColor + c] + i + k);
       direction[c] = load<f32x16>(s.channel[kNormal + c] + i + k);
     }
-    lambert(direction, base, f.ambient, f.light_directions, f.light_colors, f.lights, lit);
+    lambert(direction, base, f.ambient, LightArrays{f.light_directions, f.light_colors}, f.lights, lit);
     for (int c = 0; c < 3; ++c) {
       store(albedo[c] + k, base[c]);
       store(normal[c] + k, direction[c]);

@@ -67,12 +67,12 @@ struct Work {
   uint32_t pixels;                        // of the launch
   int64_t first_item;                     // views before those of the launch, times T
   bool beside;                            // whether something is wanted beside the picture
-  Codes* codes;
-  Texture* textures;
+  Lookups lookups;
   uint32_t* background;        // [views * H]: of each row, the lowest byte first; null where samples are added up
   uint32_t* any_left;          // [1]: whether pixels are left to shade_left
   uint32_t* drawn;             // a bit for each pixel: whether it is not the background; null where nobody asks
   PreparedTriangle* prepared;  // [views, T], or null
+  ProjectedVertex* projected;  // [views, V], or null: where triangles are set up at their pixels
   uint8_t* place;              // [views, T]: of a clipped triangle, its place among its block's, or kNoPlace; else 0
   ClippedTriangle* clipped;    // [blocks of begin_frame with triangles, places]
   int places;
@@ -94,16 +94,15 @@ __device__ __forceinline__ Place place_of(const Work& work, uint32_t pixel, uint
 // Makes what the pixels look up: thread i an item of each table.
 __device__ __forceinline__ void make_tables(const Shading& job, const Work& work, const Thresholds& given,
                                             const SomeTextures& textures, int64_t i) {
-  __shared__ float thresholds[256];
-  for (int k = threadIdx.x; k < 256; k += kBeginThreads) thresholds[k] = k < 255 ? given.value[k] : kNotANumber;
+  __shared__ float thresholds[255];
+  for (int k = threadIdx.x; k < 255; k += kBeginThreads) thresholds[k] = given.value[k];
   __syncthreads();
   if (i == 0) *work.any_left = 0;
-  if (i < textures.count) work.textures[i] = textures.texture[i];
-  if (i < 256) work.codes->decoded[i] = decode_srgb(257 * (int)i);
-  if (i <= kSrgbSteps) {
-    const int start = encode_srgb((float)i / kSrgbSteps, (const float*)thresholds);
-    work.codes->encode.step[i] = {thresholds[start], start};
-  }
+  if (i < textures.count) work.lookups.textures[i] = textures.texture[i];
+  if (i < 256) work.lookups.codes->decoded[i] = decode_srgb(257 * (int)i);
+  if (i < kSrgbSteps) work.lookups.codes->encode.byte[i] = srgb_step(thresholds, kSrgbFirstStep + (uint32_t)i);
+  if (i < job.surface.lights)
+    work.lookups.lights[i].light = light_at(LightArrays{job.surface.light_directions, job.surface.light_colors}, i);
   if (work.background && i < job.views * job.height) {
     Finished pixel;
     finish_background(job, (int)(i % job.height), &pixel);
@@ -154,16 +153,20 @@ __device__ __forceinline__ void look_at_triangles(const Shading& job, const Work
   }
 }
 
-// The first blocks have triangles, the others tables.
+// The first blocks have triangles, some vertices, the others tables.
 __global__ void __launch_bounds__(kBeginThreads, 2)
     begin_frame(const __grid_constant__ Shading job, const __grid_constant__ Work work,
                 const __grid_constant__ Thresholds thresholds, const __grid_constant__ SomeTextures textures,
-                unsigned triangle_blocks) {
-  if (blockIdx.x < triangle_blocks)
+                unsigned triangle_blocks, unsigned vertex_blocks) {
+  const auto item_behind = [](unsigned blocks) { return (int64_t)(blockIdx.x - blocks) * kBeginThreads + threadIdx.x; };
+  if (blockIdx.x < triangle_blocks) {
     look_at_triangles(job, work);
-  else
-    make_tables(job, work, thresholds, textures, (int64_t)(blockIdx.x - triangle_blocks) * kBeginThreads + threadIdx.x);
-  wait_for_previous();
+  } else if (blockIdx.x < triangle_blocks + vertex_blocks) {
+    const int64_t i = item_behind(triangle_blocks);
+    if (i < job.views * job.vertices) work.projected[i] = project(frame_of(job, 0), i);
+  } else {
+    make_tables(job, work, thresholds, textures, item_behind(triangle_blocks + vertex_blocks));
+  }
 }
 
 // --- The pixels
@@ -193,7 +196,7 @@ __device__ __forceinline__ Pixel shade_pixel(const Shading& job, const Work& wor
   if constexpr (kPrepared)
     whole = loaded(&work.prepared[item].whole);
   else
-    set_up_whole(job, at.view, triangle, &whole, vertex, &back);
+    set_up_whole(job, at.view, triangle, work.projected + at.view * job.vertices, &whole, vertex, &back);
   float weight[3];
   Skin skin;
   if (whole.fate == Fate::kWhole) {
@@ -211,7 +214,7 @@ __device__ __forceinline__ Pixel shade_pixel(const Shading& job, const Work& wor
   } else {
     return Pixel::kBackground;
   }
-  finish(job.surface, work.textures, *work.codes, skin, weight, out);
+  finish(job.surface, work.lookups, skin, weight, out);
   return Pixel::kDrawn;
 }
 
@@ -254,7 +257,7 @@ __global__ void __launch_bounds__(kShadeThreads, 8)
     Finished finished;
     if (triangle >= 0) {
       pixel = shade_pixel<kPrepared>(job, work, place_of(work, i, row_of(i)), triangle, &finished);
-      if (pixel == Pixel::kDrawn && job.image) color = encoded(*work.codes, finished.linear);
+      if (pixel == Pixel::kDrawn && job.image) color = encoded(*work.lookups.codes, finished.linear);
       if (pixel == Pixel::kLeft) *work.any_left = 1;
     }
     if (work.beside) {
@@ -328,14 +331,15 @@ __global__ void __launch_bounds__(kShadeThreads, 4)
         if (drawn) {
           float weight[3];
           weigh(job, *held, at.x, at.y, weight);
-          finish(job.surface, work.textures, *work.codes, held->skin, weight, &finished);
+          finish(job.surface, work.lookups, held->skin, weight, &finished);
         } else {
           finish_background(job, at.y, &finished);
         }
         store_beside(job, finished, i);
         if (job.image)
-          store_pixel(job, i,
-                      drawn ? encoded(*work.codes, finished.linear) : work.background[view * work.height.by + at.y]);
+          store_pixel(
+              job, i,
+              drawn ? encoded(*work.lookups.codes, finished.linear) : work.background[view * work.height.by + at.y]);
       }
       waiting &= ~__ballot_sync(kAllLanes, mine);
     }
@@ -409,12 +413,16 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
   work.beside = job.albedo || job.normals || job.linear || job.samples > 1;
   work.places =
       (int)min_of<int64_t>(max_of<int64_t>(kAllPlaces / max_of<int64_t>(blocks, 1), kFewestPlaces), kMostPlaces);
-  work.codes = scratch->take<Codes>(1);
-  work.textures = scratch->take<Texture>(job.surface.texture_count);
+  work.lookups.codes = scratch->take<Codes>(1);
+  work.lookups.textures = scratch->take<Texture>(job.surface.texture_count);
+  work.lookups.lights = scratch->take<PackedLight>(job.surface.lights);
   work.any_left = scratch->take<uint32_t>(1);
   if (job.samples == 1) work.background = scratch->take<uint32_t>(job.views * job.height);
   if (job.samples > 1) work.drawn = scratch->take<uint32_t>((pixels + kWarp - 1) / kWarp);
-  if (prepares(job)) work.prepared = scratch->take<PreparedTriangle>(triangles);
+  if (prepares(job))
+    work.prepared = scratch->take<PreparedTriangle>(triangles);
+  else
+    work.projected = scratch->take<ProjectedVertex>(job.views * job.vertices);
   work.place = scratch->take<uint8_t>(triangles);
   work.clipped = scratch->take<ClippedTriangle>(blocks * work.places);
   if (job.samples > 1 && !job.linear) out.linear = scratch->take<float>(3 * pixels);
@@ -439,15 +447,17 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
   Scratch scratch = {static_cast<char*>(memory)};
   const Layout at = lay_out(job, &scratch);
   for (int first = kTexturesAtOnce; first < job.surface.texture_count; first += kTexturesAtOnce)
-    BIGTRI_CUDA(
-        launch_first(put_textures, 1, kTexturesAtOnce, 0, stream, some_textures(job.surface, first), at.work.textures));
+    BIGTRI_CUDA(launch_first(put_textures, 1, kTexturesAtOnce, 0, stream, some_textures(job.surface, first),
+                             at.work.lookups.textures));
   Thresholds thresholds;
   for (int i = 0; i < 255; ++i) thresholds.value[i] = job.thresholds[i];
   const auto blocks_of_items = [](int64_t items) { return (items + kBeginThreads - 1) / kBeginThreads; };
   const int64_t for_triangles = blocks_of_items(job.views * job.count),
-                for_tables = blocks_of_items(max_of<int64_t>(kSrgbSteps + 1, job.views * job.height));
-  return launch_first(begin_frame, for_triangles + for_tables, kBeginThreads, 0, stream, job, at.work, thresholds,
-                      some_textures(job.surface, 0), (unsigned)for_triangles);
+                for_vertices = at.work.projected ? blocks_of_items(job.views * job.vertices) : 0,
+                for_tables =
+                    blocks_of_items(max_of(max_of<int64_t>(kSrgbSteps, job.surface.lights), job.views * job.height));
+  return launch_first(begin_frame, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job, at.work,
+                      thresholds, some_textures(job.surface, 0), (unsigned)for_triangles, (unsigned)for_vertices);
 }
 
 cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
@@ -463,6 +473,7 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
     work.pixels = (uint32_t)pixels;
     work.first_item = view * given.count;
     if (work.background) work.background += view * given.height;
+    if (work.projected) work.projected += view * given.vertices;
     job.packed += pixel;
     job.positions += view * given.vertices * 4;
     for (float** image : {&job.albedo, &job.normals, &job.linear})
@@ -484,8 +495,8 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
     const float* linear = job.linear;
     job.image = image;
     BIGTRI_CUDA(blocks_of(add_samples, (pixels / (job.samples * job.samples) + kWarp - 1) / kWarp, &blocks));
-    BIGTRI_CUDA(launch_next(add_samples, blocks, kShadeThreads, 0, stream, job, (const Codes*)work.codes, linear,
-                            (const uint32_t*)work.drawn));
+    BIGTRI_CUDA(launch_next(add_samples, blocks, kShadeThreads, 0, stream, job, (const Codes*)work.lookups.codes,
+                            linear, (const uint32_t*)work.drawn));
   }
   return cudaSuccess;
 }

@@ -42,7 +42,7 @@ __global__ void __launch_bounds__(kThreads)
                  const float* __restrict__ directions, const float* __restrict__ colors, int64_t lights, int64_t count,
                  float* __restrict__ out) {
   for (int64_t i = thread_in_grid(); i < count; i += threads_of_grid())
-    lambert(normals + 3 * i, albedo + 3 * i, ambient, directions, colors, lights, out + 3 * i);
+    lambert(normals + 3 * i, albedo + 3 * i, ambient, LightArrays{directions, colors}, lights, out + 3 * i);
 }
 
 struct Thresholds {

@@ -23,10 +23,21 @@ struct alignas(16) Skin {
   int32_t texture;  // -1: none
 };
 
-// What a frame looks up, made once by the kernel before it. It stays in the caches.
+// A light, in two vectors.
+struct alignas(16) PackedLight {
+  Light light;
+};
+
 struct Codes {
   SrgbSteps encode;
   float decoded[256];  // what 8-bit codes of textures stand for
+};
+
+// What a frame looks up, made once by the kernel before it. It stays in the caches.
+struct Lookups {
+  Codes* codes;
+  Texture* textures;
+  PackedLight* lights;
 };
 
 // A struct that the frame's first kernel has written, read 16 bytes at a time.
@@ -42,6 +53,8 @@ __device__ __forceinline__ T loaded(const T* from) {
   for (int i = 0; i < (int)(sizeof(T) / sizeof(int4)); ++i) words.word[i] = reinterpret_cast<const int4*>(from)[i];
   return words.whole;
 }
+
+__device__ __forceinline__ Light light_at(const PackedLight* lights, int64_t l) { return loaded(lights + l).light; }
 
 __device__ __forceinline__ Frame frame_of(const Shading& job, int64_t view) {
   const Viewport whole = {job.width, job.height, 0, 0, job.width, job.height, kCullNone};
@@ -86,13 +99,14 @@ __device__ __noinline__ void sample_wide(const Texture& t, float u, float v, Fil
   sample((const uint16_t*)t.texels, t.height, t.width, 3, u, v, filter, wrap, out);
 }
 
-__device__ __forceinline__ void look_up(const Texture& t, const Codes& codes, int32_t bits, float u, float v,
+__device__ __forceinline__ void look_up(const Lookups& lookups, int32_t texture, int32_t bits, float u, float v,
                                         float out[3]) {
+  const Texture& t = lookups.textures[texture];
   const Filter filter = bits & kLookNearest ? Filter::kNearest : Filter::kBilinear;
   const Wrap wrap = bits & kLookClamp ? Wrap::kClamp : Wrap::kRepeat;
   if (t.kind == Texels::kCodes8)
-    sample(CodedTexels<uint8_t>{(const uint8_t*)t.texels, codes.decoded}, t.height, t.width, 3, u, v, filter, wrap,
-           out);
+    sample(CodedTexels<uint8_t>{(const uint8_t*)t.texels, lookups.codes->decoded}, t.height, t.width, 3, u, v, filter,
+           wrap, out);
   else if (t.kind == Texels::kLinear)
     sample((const float*)t.texels, t.height, t.width, 3, u, v, filter, wrap, out);
   else
@@ -105,13 +119,13 @@ struct Finished {
 };
 
 // Finishes a pixel that has these weights.
-__device__ __forceinline__ void finish(const Surface& s, const Texture* textures, const Codes& codes, const Skin& skin,
+__device__ __forceinline__ void finish(const Surface& s, const Lookups& lookups, const Skin& skin,
                                        const float weight[3], Finished* out) {
   const auto at = [&](int c) { return interpolate(weight, skin.value[c][0], skin.value[c][1], skin.value[c][2]); };
   for (int c = 0; c < 3; ++c) out->albedo[c] = skin.base[c];
   if (skin.texture >= 0) {
     float texel[3];
-    look_up(textures[skin.texture], codes, skin.bits, at(kUv), at(kUv + 1), texel);
+    look_up(lookups, skin.texture, skin.bits, at(kUv), at(kUv + 1), texel);
     for (int c = 0; c < 3; ++c) out->albedo[c] = out->albedo[c] * texel[c];
   }
   if (skin.bits & kLookVertexColors)
@@ -122,7 +136,7 @@ __device__ __forceinline__ void finish(const Surface& s, const Texture* textures
                                               : 0.0f;
     out->normal[c] = v * skin.facing;
   }
-  lambert(out->normal, out->albedo, s.ambient, s.light_directions, s.light_colors, s.lights, out->linear);
+  lambert(out->normal, out->albedo, s.ambient, lookups.lights, s.lights, out->linear);
 }
 
 // The same of the background in a row of the buffer.

@@ -42,22 +42,38 @@ __device__ __forceinline__ void set_given(const float v[3][4], const int32_t ord
       for (int i = 0; i < 4; ++i) out->given[k][i] = v[order[k]][i];
 }
 
+// A vertex as triangles that are not clipped have it.
+struct alignas(16) ProjectedVertex {
+  int32_t x, y;  // snapped, subpx
+  float w;
+  uint32_t flags;
+};
+__device__ __forceinline__ ProjectedVertex project(const Frame& f, int64_t i) {
+  float v[4];
+  load_vertex(f, i, v);
+  const Vertex projected = project_vertex(v, f.view.width, f.view.height);
+  return {projected.x, projected.y, v[3], projected.flags};
+}
+
 // Sets up a triangle. If it is to be drawn as it is, vertex gets its indices, in the order of the weights, and back
-// whether its back is seen, where that matters.
-__device__ __forceinline__ void set_up_whole(const Shading& job, int64_t view, int32_t triangle, WholeTriangle* out,
-                                             int32_t vertex[3], bool* back) {
+// whether its back is seen, where that matters. projected: the view's vertices, or null.
+__device__ __forceinline__ void set_up_whole(const Shading& job, int64_t view, int32_t triangle,
+                                             const ProjectedVertex* projected, WholeTriangle* out, int32_t vertex[3],
+                                             bool* back) {
   const Frame f = frame_of(job, view);
   int32_t index[3];
   out->fate = Fate::kDropped;
   if (!load_indices(f, triangle, index)) return;
-  float corner[3][4];
-  for (int k = 0; k < 3; ++k) load_vertex(f, index[k], corner[k]);
   Vertex v[3];
-  for (int k = 0; k < 3; ++k) v[k] = project_vertex(corner[k], job.width, job.height);
+  float w[3];
+  for (int k = 0; k < 3; ++k) {
+    const ProjectedVertex p = projected ? loaded(projected + index[k]) : project(f, index[k]);
+    v[k] = {p.x, p.y, 0.0f, p.flags};
+    w[k] = p.w;
+  }
   Primitive p;
   out->fate = assemble(f, v, &p);
   if (out->fate != Fate::kWhole) return;
-  const float w[3] = {corner[0][3], corner[1][3], corner[2][3]};
   for (int k = 0; k < 3; ++k) {
     vertex[k] = pick(index, p.order[k]);
     out->x[k] = p.x[k];
@@ -66,15 +82,20 @@ __device__ __forceinline__ void set_up_whole(const Shading& job, int64_t view, i
   }
   out->area = divisor((double)p.area);
   out->affine = w[0] == w[1] && w[1] == w[2];
-  set_given(corner, p.order, out);
-  *back = job.surface.two_sided && is_back(corner[0], corner[1], corner[2]);
+  *back = false;
+  if (kUnsnappedWeights || job.surface.two_sided) {
+    float corner[3][4];
+    for (int k = 0; k < 3; ++k) load_vertex(f, index[k], corner[k]);
+    set_given(corner, p.order, out);
+    *back = job.surface.two_sided && is_back(corner[0], corner[1], corner[2]);
+  }
 }
 
 // The same with its skin, for all of its pixels. A triangle of no material is not drawn.
 __device__ __forceinline__ void prepare(const Shading& job, int64_t view, int32_t triangle, PreparedTriangle* out) {
   int32_t vertex[3];
   bool back;
-  set_up_whole(job, view, triangle, &out->whole, vertex, &back);
+  set_up_whole(job, view, triangle, nullptr, &out->whole, vertex, &back);
   Fate* fate = &out->whole.fate;
   if (*fate == Fate::kWhole && !load_skin(job, triangle, vertex, back, &out->skin)) *fate = Fate::kNothing;
 }
