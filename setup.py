@@ -77,11 +77,16 @@ def written(path: Path, text: str) -> str:
 
 def per_rung(source: Path, rung: str, counting: bool = False) -> str:
     """A file that compiles ``source`` for a rung; core/precision.h says what that is, core/counters.h what counting is."""
+    return per_rung_together([source], source.name, rung, counting)
+
+
+def per_rung_together(sources: list[Path], name: str, rung: str, counting: bool = False) -> str:
+    """The same for several sources, as one file of that name."""
     text = f"#define BIGTRI_RUNG {rung}\n" + "#define BIGTRI_COUNTING\n" * counting
     if rung in DRAWN_AS_EXACT:
         text += f"#define BIGTRI_DRAWN_BY {RUNGS[0]}{'_counting' * counting}\n"
-    folder = Path("build/rungs") / (rung + "_counting" * counting)
-    return written(folder / source.name, f'{text}#include "{source.relative_to(CSRC)}"\n')
+    text += "".join(f'#include "{source.relative_to(CSRC)}"\n' for source in sources)
+    return written(Path("build/rungs") / (rung + "_counting" * counting) / name, text)
 
 
 def with_ladder() -> bool:
@@ -113,9 +118,12 @@ def cpu_sources() -> list[str]:
     files += [per_rung(f, RUNGS[0]) for f in default]
     for rung in RUNGS + with_ladder() * LADDER:
         if rung in DRAWN_AS_EXACT:
-            files += [per_rung(f, rung) for f in [*each, *isas] if f.stem in ("attributes", "kernels", "variants") or f in isas]
+            own = [f for f in each if f.stem in ("attributes", "kernels", "variants")]
         else:
-            files += [per_rung(f, rung) for f in [*each, *isas] if f.stem not in elsewhere[rung]]
+            own = [f for f in each if f.stem not in elsewhere[rung]]
+        # Of a rung of the ladder, which are many, as one file: that takes half the time.
+        files += [per_rung_together(own, "rung.cpp", rung)] if rung in LADDER else [per_rung(f, rung) for f in own]
+        files += [per_rung(f, rung) for f in isas]
     files += [
         per_rung(f, rung, counting=True) for rung in RUNGS for f in counted if rung not in DRAWN_AS_EXACT or f.stem == "variants"
     ]

@@ -113,7 +113,16 @@ def _fake(name: str, names: list[str], *given: Any, **named: Any) -> Any:
 
 
 def register() -> None:
-    """Make them known to torch; the library with the schemas has to be loaded."""
+    """Make them known to torch; the library with the schemas has to be loaded.
+
+    Raises:
+        ImportError: that library lacks some of them, so it was built from other sources than lie here.
+    """
+    if lacking := [name for name in OPERATORS if not hasattr(torch.ops.bigtri, name)]:
+        raise ImportError(
+            f"bigtri: the extension lacks the operators {', '.join(lacking)}: it was built from other sources than lie here; "
+            "build it again with `python setup.py build_ext --inplace`"
+        )
     for name in OPERATORS:
         names = [argument.name for argument in getattr(torch.ops.bigtri, name).default._schema.arguments]
         torch.library.register_fake(f"bigtri::{name}")(partial(_fake, name, names))

@@ -172,20 +172,22 @@ def test_ranges_of_one_list(variant: str) -> None:
     count = np.minimum(rng.integers(0, 9, 1100) * rng.integers(0, 40, 1100), len(case.triangles) - first)
     ranges = np.stack([first, count], axis=1).astype(np.int32)
     tensors = torch.from_numpy(case.positions), torch.from_numpy(case.triangles)
-    seen = bigtri.rasterize(*tensors, case.resolution, ranges=torch.from_numpy(ranges))
-    assert seen.depth is not None
-    pictures = seen.packed.numpy(), seen.depth.numpy(), seen.dropped.numpy()
-    assert_right([Job(case, *pictures, variant, settings, ranges=ranges) for settings in ({}, {"share": 4}, {"share": 1024})])
+    # Two launches and two steps of a warp already take 300 views.
+    for views, settings in ((1100, {}), (300, {"share": 4}), (300, {"share": 1024})):
+        seen = bigtri.rasterize(*tensors, case.resolution, ranges=torch.from_numpy(ranges[:views]))
+        assert seen.depth is not None
+        pictures = seen.packed.numpy(), seen.depth.numpy(), seen.dropped.numpy()
+        assert_right([Job(case, *pictures, variant, settings, ranges=ranges[:views])])
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("index", [-1, "V", 2**31 - 1, -(2**31)])
-def test_an_index_out_of_range_is_dropped_and_counted(index: int | str, variant: str) -> None:
+def test_an_index_out_of_range_is_dropped_and_counted(variant: str) -> None:
     case = case_of("mixed")
-    which = np.random.default_rng(1).permutation(len(case.triangles))[:11]
+    indices = np.resize([-1, len(case.positions), 2**31 - 1, -(2**31)], 24)
+    which = np.random.default_rng(1).permutation(len(case.triangles))[: len(indices)]
     without, wrong = case.triangles.copy(), case.triangles.copy()
     without[which] = 0  # of no area
-    wrong[which, np.arange(11) % 3] = len(case.positions) if isinstance(index, str) else index
+    wrong[which, np.arange(len(indices)) // 4 % 3] = indices  # each one at each corner
     finite = np.isfinite(case.positions[case.triangles]).all(axis=(1, 2))
     dropped = int((~finite).sum() + finite[which].sum())
     paths, seen = as_read(variant, (*PATHS.values(), {"few": 0, "share": 4})), case._replace(triangles=without)

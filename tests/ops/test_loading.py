@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import bigtri
-from bigtri import native
+from bigtri import fakes, native
 
 PACKAGE = Path(bigtri.__file__).parent
 
@@ -124,3 +124,13 @@ def test_a_library_for_cuda_that_does_not_load_leaves_the_cpu(tmp_path):
     assert f"there but does not load: {reason}" in steps["info"][0]
     assert [name for name, (_, warned) in steps.items() if warned] == ["cuda tensors", "devices"]
     assert steps["devices"] == (["cpu"], steps["cuda tensors"][1])
+
+
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+def test_a_library_of_other_sources_says_to_build_again(monkeypatch):
+    for name in ("newer", "newest"):
+        monkeypatch.setitem(fakes.OPERATORS, name, fakes.OPERATORS["lambert"])
+    with pytest.raises(
+        ImportError, match="lacks the operators newer, newest: .*; build it again with `python setup.py build_ext"
+    ):
+        fakes.register()

@@ -11,7 +11,7 @@ namespace {
 void setup(const CheckedFrame& frame, SetupOutput* out) {
   FloatMode mode;
   out->dropped = 0;
-  Parent parent;
+  Parent parent = {};
   for (int64_t t = 0; t < frame.count; ++t) {
     out->dropped += expand_triangle(frame, t, &parent) == Fate::kDropped;
     for (int s = 0; s < parent.count; ++s) {
