@@ -24,6 +24,14 @@ BIGTRI_HD const D& divisor_like(const D& v, double) {
 }
 BIGTRI_HD Divisor divisor_like(double v, const Divisor&) { return divisor(v); }
 
+// Brings b to a sum of 1.
+template <class D, class By>
+BIGTRI_HD void divide_by_sum(const By& like, D b[3]) {
+  const D total = (b[0] + b[1]) + b[2];
+  const auto& sum = divisor_like(total, like);
+  for (int k = 0; k < 3; ++k) b[k] = quotient(b[k], sum);
+}
+
 // Barycentrics b of a record that is not clipped, from the edge values e, not yet rounded to float32. They are the
 // weights of its vertices. D is double or a vector of doubles; By, a double or what `quotient` divides D by alike.
 template <class D, class By>
@@ -31,9 +39,7 @@ BIGTRI_HD void whole_barycentrics(const By& area, const By w[3], bool affine, co
   for (int k = 0; k < 3; ++k) b[k] = quotient(e[k], area);
   if (affine || kAttributeRule == AttributeRule::kAffine) return;
   for (int k = 0; k < 3; ++k) b[k] = quotient(b[k], w[k]);
-  const D total = (b[0] + b[1]) + b[2];
-  const auto& sum = divisor_like(total, area);
-  for (int k = 0; k < 3; ++k) b[k] = quotient(b[k], sum);
+  divide_by_sum(area, b);
 }
 
 // The same of a record that has been clipped: they are the weights of the slots, in their order. w: of the record's
@@ -51,9 +57,7 @@ BIGTRI_HD void clipped_barycentrics(const By& area, const By w[3], const double 
   }
   for (int k = 0; k < 3; ++k) u[k] = quotient(u[k], w[k]);
   for (int m = 0; m < 3; ++m) b[m] = (u[0] * t[0][m] + u[1] * t[1][m]) + u[2] * t[2][m];
-  const D total = (b[0] + b[1]) + b[2];
-  const auto& sum = divisor_like(total, area);
-  for (int m = 0; m < 3; ++m) b[m] = quotient(b[m], sum);
+  divide_by_sum(area, b);
 }
 
 // Barycentrics b from the edge values e, not yet rounded to float32. They are the weights of the record's vertices if

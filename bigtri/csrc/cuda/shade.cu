@@ -37,7 +37,8 @@ struct ShortDivisor {
   uint32_t by, factor;
   int shift;
 
-  explicit ShortDivisor(uint32_t v = 1) : by(v), shift(31) {
+  ShortDivisor() = default;
+  explicit ShortDivisor(uint32_t v) : by(v), shift(31) {
     while (v > 1ull << (shift - 31)) ++shift;
     factor = (uint32_t)((1ull << shift) / v + 1);
   }
