@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import collections
-import re
-import textwrap
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -599,13 +596,3 @@ def test_equal_in_bits():
     b = np.array([-0.0, 1.0, np.nan, 0.0, np.inf], np.float32)
     b.view(np.uint32)[2] ^= 0x80000001
     assert sentences.same_bits(a, b).tolist() == [False, True, True, False, True]
-
-
-def test_the_example_of_contributing(capsys):
-    """It prints what the page says it does."""
-    section = (
-        Path(__file__).parents[2].joinpath("CONTRIBUTING.md").read_text().split("## Comparing backends")[1].split("\n## ")[0]
-    )
-    code, printed = (textwrap.dedent(block) for block in re.findall(r"(?<=\n\n)(?:(?:    .*)?\n)*?    .*(?=\n\n\S)", section)[:2])
-    exec(code, {})
-    assert capsys.readouterr().out.strip() == printed.strip()
