@@ -20,6 +20,7 @@ from ..ops import arguments
 from ..ops.arguments import Array
 from ..ops.interpolate import barycentrics
 from ..ops.rasterize import CULLS, rasterize
+from ..precision import DEFAULT, PRECISIONS, RUNGS
 from ..reference.numerics import LARGE_THRESHOLD
 from ..reference.records import Bins, Records
 from . import sentences
@@ -106,6 +107,7 @@ def differences(
     cull: str = "none",
     scissor: Scissor | None = None,
     variant: str = "auto",
+    precision: str = DEFAULT,
     threshold: int = LARGE_THRESHOLD,
     stages: Mapping[str, Stage] | None = None,
 ) -> Iterator[Difference]:
@@ -116,6 +118,7 @@ def differences(
         triangles: int32 [T, 3].
         resolution: (height, width), px.
         cull, scissor, variant: as for ``rasterize``; ``native.using_isa`` around the call chooses the instruction set.
+        precision: a rung's name. Where the extension has not its stages one by one, the whole alone is compared.
         threshold: of the binning stage, px of bbox.
         stages: your own callables by name, compared in place of the extension's stages: "setup", "binning" and whatever else
             ``bigtri.stages`` has, with the arguments and outputs of ``bigtri.reference``; "rasterize" (positions, triangles,
@@ -134,10 +137,14 @@ def differences(
     if not own:
         arguments.choose_backend("verify", "native")
     arguments.check_choice("verify", "cull", cull, CULLS)
-    arguments.check_choice("verify", "variant", variant, ("auto", *native.VARIANTS.get("cpu", ())))
+    arguments.check_choice("verify", "precision", precision, PRECISIONS)
+    rungs = native.REGISTRY.get("cpu", {})
+    if native.available():
+        arguments.check_compiled("verify", RUNGS[precision], "cpu")
+    arguments.check_choice("verify", "variant", variant, ("auto", *rungs.get(precision, ())))
     height, width = arguments.check_image_size("verify", "resolution", resolution)
     box = arguments.check_scissor("verify", scissor, height, width)
-    run = _Run(_as_numpy(positions), _as_numpy(triangles), height, width, cull, box, variant, threshold, own)
+    run = _Run(_as_numpy(positions), _as_numpy(triangles), height, width, cull, box, variant, precision, threshold, own)
     return run.differences()
 
 
@@ -162,6 +169,7 @@ class _Run(NamedTuple):
     cull: str
     scissor: Scissor
     variant: str
+    precision: str
     threshold: int
     own: dict[str, Stage]
 
@@ -229,27 +237,31 @@ class _Run(NamedTuple):
         expected = self._on_backend(stage, given, "reference")
         if stage in self.own:
             return expected, _checked_outputs(stage, _flat(stage, _call(stage, self.own[stage], given)), sizes)
-        if not native.available():
+        if not native.available() or (stage in _BY_ITSELF and not RUNGS[self.precision].has_stages):
             return expected, []
         return expected, _checked_outputs(stage, self._on_backend(stage, given, "native"), sizes)
 
     def _on_backend(self, stage: str, given: tuple[Any, ...], backend: str) -> list[NDArray[Any]]:
         """The stage's outputs; of the whole, the depth image too."""
         if stage == "attributes":
-            return [_as_numpy(barycentrics(*given, backend=backend))]
+            return [_as_numpy(barycentrics(*given, backend=backend, precision=self.precision))]
         if stage == "rasterize":
-            options: dict[str, Any] = {"cull": self.cull, "scissor": self.scissor, "variant": self.variant}
+            options: dict[str, Any] = {"cull": self.cull, "scissor": self.scissor, "precision": self.precision}
+            options["variant"] = "auto" if backend == "reference" else self.variant
             seen = rasterize(self.positions, self.triangles, (self.height, self.width), backend=backend, **options)
             return [_as_numpy(image) for image in (seen.packed, seen.dropped, seen.depth)]
-        return _flat(stage, getattr(one_stage, stage)(*given, backend=backend))
+        how = {} if stage == "visibility" else {"precision": self.precision}  # it takes depths of any rung
+        return _flat(stage, getattr(one_stage, stage)(*given, backend=backend, **how))
 
     def _blame(self) -> str:
         """Whose fault it is that the whole differs where no stage does; nothing where not all of its stages were compared."""
         if "rasterize" in self.own:
             who, complete = "stages['rasterize']", all(stage in self.own for stage in _BY_ITSELF)
         else:
-            name = native.VARIANTS["cpu"][0] if self.variant == "auto" else self.variant
+            variants = native.REGISTRY["cpu"][self.precision]
+            name = next(iter(variants)) if self.variant == "auto" else self.variant
             who, complete = f"variant {name!r}", not any(stage in self.own for stage in _BY_ITSELF)
+            complete &= RUNGS[self.precision].has_stages
         return f"; every stage by itself agrees, so the schedule of {who} is at fault" if complete else ""
 
 
