@@ -20,6 +20,7 @@ from ..ops import arguments
 from ..ops.arguments import Array
 from ..ops.interpolate import barycentrics
 from ..ops.rasterize import CULLS, rasterize
+from ..precision import DEFAULT, PRECISIONS, RUNGS
 from ..reference.numerics import LARGE_THRESHOLD
 from ..reference.records import Bins, Records
 from . import registered, sentences
@@ -106,6 +107,7 @@ def differences(
     cull: str = "none",
     scissor: Scissor | None = None,
     variant: str = "auto",
+    precision: str = DEFAULT,
     threshold: int = LARGE_THRESHOLD,
     stages: Mapping[str, Stage] | None = None,
 ) -> Iterator[Difference]:
@@ -118,6 +120,7 @@ def differences(
         cull, scissor: as for ``rasterize``; ``native.using_isa`` around the call chooses the instruction set.
         variant: as for ``rasterize``, or one that ``register_variant`` or ``register_stage`` was given. Of the latter its own
             stages are compared, and the whole as it draws it, but nothing of the extension.
+        precision: a rung's name. Some hand more than these outputs from stage to stage: of those the whole alone is compared.
         threshold: of the binning stage, px of bbox.
         stages: your own callables by name, compared in place of the extension's stages: "setup", "binning" and whatever else
             ``bigtri.stages`` has, with the arguments and outputs of ``bigtri.reference``; "rasterize" (positions, triangles,
@@ -133,14 +136,22 @@ def differences(
             the extension nor a callable.
     """
     arguments.check_choice("verify", "cull", cull, CULLS)
+    arguments.check_choice("verify", "precision", precision, PRECISIONS)
     known = registered.registered_variants()
-    arguments.check_choice("verify", "variant", variant, ("auto", *native.VARIANTS.get("cpu", ()), *known))
+    rungs = native.REGISTRY.get("cpu", {})
+    arguments.check_choice("verify", "variant", variant, ("auto", *rungs.get(precision, ()), *known))
     own = {**registered.stages_of(variant), **_checked_stages(stages)}
     if not own:
         arguments.choose_backend("verify", "native")
+    if native.available() and variant not in known:
+        arguments.check_compiled("verify", RUNGS[precision], "cpu")
+    if not RUNGS[precision].has_stages and (given := [stage for stage in own if stage in _BY_ITSELF]):
+        whole = f"stages must be 'rasterize' or 'attributes' with precision {precision!r}, which hands on more than these outputs"
+        raise ValueError(f"bigtri.verify: {whole}, got {given[0]!r}")
     height, width = arguments.check_image_size("verify", "resolution", resolution)
     box = arguments.check_scissor("verify", scissor, height, width)
-    run = _Run(_as_numpy(positions), _as_numpy(triangles), height, width, cull, box, variant, threshold, own, variant in known)
+    scene = _as_numpy(positions), _as_numpy(triangles), height, width, cull, box
+    run = _Run(*scene, variant, precision, threshold, own, variant in known)
     return run.differences()
 
 
@@ -165,6 +176,7 @@ class _Run(NamedTuple):
     cull: str
     scissor: Scissor
     variant: str
+    precision: str
     threshold: int
     own: dict[str, Stage]
     registered: bool  # whether the variant is one of these, so that no stage of the extension is compared
@@ -177,7 +189,8 @@ class _Run(NamedTuple):
         yield from self._whole(agree)
 
     def _stage_by_stage(self) -> Iterator[Difference]:
-        if self.registered and not any(stage in self.own for stage in _BY_ITSELF):
+        by_extension = not self.registered and native.available() and RUNGS[self.precision].has_stages
+        if not by_extension and not any(stage in self.own for stage in _BY_ITSELF):
             return  # what the reference makes of every stage need not fit the memory where the whole does
         size = {"H": self.height, "W": self.width}
         scene = (self.positions, self.triangles, self.height, self.width, self.cull, self.scissor)
@@ -269,13 +282,14 @@ class _Run(NamedTuple):
     def _on_backend(self, stage: str, given: tuple[Any, ...], backend: str) -> list[NDArray[Any]]:
         """The stage's outputs; of the whole, the depth image too."""
         if stage == "attributes":
-            return [_as_numpy(barycentrics(*given, backend=backend))]
+            return [_as_numpy(barycentrics(*given, backend=backend, precision=self.precision))]
         if stage == "rasterize":
-            variant = "auto" if self.registered else self.variant
-            options: dict[str, Any] = {"cull": self.cull, "scissor": self.scissor, "variant": variant}
+            options: dict[str, Any] = {"cull": self.cull, "scissor": self.scissor, "precision": self.precision}
+            options["variant"] = "auto" if backend == "reference" else self.variant
             seen = rasterize(self.positions, self.triangles, (self.height, self.width), backend=backend, **options)
             return [_as_numpy(image) for image in (seen.packed, seen.dropped, seen.depth)]
-        return _flat(stage, getattr(one_stage, stage)(*given, backend=backend))
+        how = {} if stage == "visibility" else {"precision": self.precision}  # it takes depths of any rung
+        return _flat(stage, getattr(one_stage, stage)(*given, backend=backend, **how))
 
     def _blame(self) -> str:
         """Whose fault it is that the whole differs where no stage does; nothing where not all of its stages were compared."""
@@ -285,8 +299,10 @@ class _Run(NamedTuple):
             who = f"variant {self.variant!r}" if self.registered else "stages['rasterize']"
             complete = all(stage in self.own for stage in _BY_ITSELF)
         else:
-            name = native.VARIANTS["cpu"][0] if self.variant == "auto" else self.variant
+            variants = native.REGISTRY["cpu"][self.precision]
+            name = next(iter(variants)) if self.variant == "auto" else self.variant
             who, complete = f"variant {name!r}", not any(stage in self.own for stage in _BY_ITSELF)
+            complete &= RUNGS[self.precision].has_stages
         return f"; every stage by itself agrees, so the schedule of {who} is at fault" if complete else ""
 
 
@@ -306,7 +322,7 @@ def _checked_stages(stages: Mapping[str, Stage] | None) -> dict[str, Stage]:
 
 def _records(fields: list[NDArray[Any]]) -> Records:
     """Of setup's outputs; exact's coverage needs no places that are not snapped."""
-    return Records(*fields, np.zeros((len(fields[0]), 0, 2), np.float32))
+    return Records(*fields)._replace(place=np.zeros((len(fields[0]), 0, 2), np.float32))
 
 
 def _copied(value: Any) -> Any:

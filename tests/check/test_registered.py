@@ -10,6 +10,7 @@ from cases import CASES, from_pixels
 import bigtri
 from bigtri import hard_cases, native, reference
 from bigtri.check import registered, verify
+from bigtri.precision import RUNGS
 from bigtri.reference import attributes
 
 CASE = from_pixels(np.array([[[10, 10], [150, 20], [30, 90.0]]]), np.array([[0.25, 0.5, 0.75]]), (96, 160))
@@ -159,6 +160,26 @@ def test_what_a_stage_raises_and_what_it_returns_is_told_with_its_variant():
     bigtri.register_stage("depth", variant="mine")(lambda records, spans: np.zeros(3))
     with pytest.raises(TypeError, match=r"^bigtri.verify: stage depth must return depth as float32 \[F\].*, got float64 \[3\]$"):
         verify.compare(*CASE, variant="mine")
+
+
+def test_a_precision_reaches_the_reference():
+    fewer_bits = RUNGS["subpixel4"]
+
+    @bigtri.register_stage("setup", variant="mine")
+    def setup(*scene):
+        return reference.setup(*scene, fewer_bits)
+
+    assert verify.compare(*CASE, variant="mine", precision="subpixel4") is None
+    assert verify.compare(*CASE, variant="mine").stage == "setup"
+
+
+@pytest.mark.parametrize("precision", [name for name, arithmetic in RUNGS.items() if not arithmetic.has_stages])
+def test_a_precision_whose_stages_hand_on_more(precision):
+    bigtri.register_variant("mine")(lambda *scene: reference.rasterize(*scene, arithmetic=RUNGS[precision]))
+    assert verify.compare(*CASE, variant="mine", precision=precision) is None
+    bigtri.register_stage("depth", variant="mine")(reference.depth)
+    with pytest.raises(ValueError, match=f"stages must be 'rasterize' or 'attributes' with precision '{precision}'.*got 'depth'"):
+        verify.compare(*CASE, variant="mine", precision=precision)
 
 
 @pytest.mark.parametrize(
