@@ -3,8 +3,8 @@
 #pragma once
 
 #define BIGTRI_CUDA_VARIANTS_exact(X) X(bin_owned) X(two_stage) X(persistent)
-#define BIGTRI_CUDA_VARIANTS_balanced(X) X(two_stage)
-#define BIGTRI_CUDA_VARIANTS_fast(X) X(two_stage)
+#define BIGTRI_CUDA_VARIANTS_balanced(X) X(bin_owned) X(two_stage) X(persistent)
+#define BIGTRI_CUDA_VARIANTS_fast(X) X(bin_owned) X(two_stage) X(persistent)
 #define BIGTRI_CUDA_VARIANTS_subpixel4(X) X(two_stage)
 #define BIGTRI_CUDA_VARIANTS_subpixel12(X) X(two_stage)
 #define BIGTRI_CUDA_VARIANTS_subpixel16(X) X(two_stage)
