@@ -30,14 +30,19 @@ _HOMES = {
     "load_scene": ".scene.load",
     "merge": ".scene.scene",
     "rasterize": ".ops.rasterize",
+    "register_stage": ".check.registered",
+    "register_variant": ".check.registered",
+    "registered_variants": ".check.registered",
     "render": ".rendering.render",
     "sample_texture": ".ops.texture",
     "suggest_precision": ".study.suggest",
+    "unregister_variant": ".check.registered",
 }
 _MODULES = {"memory": ".ops.memory", "stages": ".check.stages", "verify": ".check.verify", "views": ".rendering.views"}
 
 if TYPE_CHECKING:
     from .check import stages, verify
+    from .check.registered import register_stage, register_variant, registered_variants, unregister_variant
     from .ops import memory
     from .ops.interpolate import barycentrics, interpolate
     from .ops.rasterize import Visibility, rasterize
@@ -73,10 +78,14 @@ __all__ = [
     "memory",
     "merge",
     "rasterize",
+    "register_stage",
+    "register_variant",
+    "registered_variants",
     "render",
     "sample_texture",
     "stages",
     "suggest_precision",
+    "unregister_variant",
     "verify",
     "views",
 ]

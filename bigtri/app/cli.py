@@ -1,4 +1,4 @@
-"""The command line: ``bigtri render``, ``info``, ``bench``, ``accuracy``, ``demo`` and ``hard-cases``.
+"""The command line: ``bigtri render``, ``info``, ``bench``, ``compare``, ``accuracy``, ``demo`` and ``hard-cases``.
 
 A command imports what it needs when it runs, so that --help, --version and a wrong command line are answered without torch.
 """
@@ -15,8 +15,8 @@ from typing import Any
 from .. import __version__
 from . import arguments, render_options
 
-# Exit codes: 0 done; 1 it cannot be done here, or hard-cases found bigtri wrong; 2 the command line or a file is wrong, which is
-# argparse's own code for that.
+# Exit codes: 0 done; 1 it cannot be done here, or compare or hard-cases found bigtri wrong; 2 the command line or a file is
+# wrong, which is argparse's own code for that.
 _FAILED = 1
 _WRONG_INPUT = 2
 
@@ -59,6 +59,11 @@ def main(argv: Sequence[str] | None = None) -> int:
                 from . import accuracy
 
                 return accuracy.main(words[1:])
+            if words[:1] == ["compare"]:
+                command = "compare"
+                from . import compare
+
+                return compare.main(words[1:])
             options = _parser().parse_args(words)
             command = options.command
             return options.run(options)
@@ -98,6 +103,8 @@ def _parser() -> argparse.ArgumentParser:
     explain.add_argument("--size", type=arguments.size, default=(1280, 720), metavar="WxH", help="pixels (default: 1280x720)")
     explain.set_defaults(run=_explain)
     commands.add_parser("bench", help="measure how fast rasterize is on this machine; see bigtri bench --help")
+    about = "every variant on one scene: time, work, and whether it draws what the reference draws; see bigtri compare --help"
+    commands.add_parser("compare", help=about)
     about = "what each rung of accuracy gets wrong, and its time, on this machine; see bigtri accuracy --help"
     commands.add_parser("accuracy", help=about)
     about = "draw, explain and time a scene of large triangles"

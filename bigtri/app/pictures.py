@@ -35,6 +35,8 @@ _ALONE = {
     "orthographic": ("fov",),
     "transparent": ("background",),
 }
+# Of a camera, as ``cameras_of`` takes them.
+CAMERA = (*_ALONE["camera"], "camera", "near", "far")
 
 
 def run(options: argparse.Namespace, say: Progress) -> list[Path]:
@@ -56,7 +58,7 @@ def run(options: argparse.Namespace, say: Progress) -> list[Path]:
     say(f"reading {options.model}")
     scene = load_scene(options.model, strict=options.strict).with_(cull=options.cull)
     say(f"{len(scene.triangles)} triangles, {len(scene.used_materials)} materials")
-    cameras = _cameras(options, scene, width / height)
+    cameras = cameras_of(options, scene, width / height)
     written = []
     for view in VIEWS if options.view == "all" else (options.view,):
         say(f"drawing {view}")
@@ -82,12 +84,9 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("threshold", "triangle"):
         if getattr(options, name) is not None and options.view not in ("bins", "all"):
             raise ValueError(f"--{name} must be given with --view bins, got --view {options.view}")
-    for alone, others in _ALONE.items():
-        for other in others:
-            if _is_given(options, alone) and _is_given(options, other):
-                raise ValueError(f"--{other} must not be given with --{alone}, beside which it means nothing")
+    check_together(options)
     for name in ("background", "transparent"):
-        if _is_given(options, name) and options.view not in ("shaded", "all"):
+        if is_given(options, name) and options.view not in ("shaded", "all"):
             raise ValueError(f"--{name} must be given with --view shaded, got --view {options.view}")
     if options.background is not None and len(options.background) > 2:
         raise ValueError(f"--background must be one colour, or two, got {len(options.background)}")
@@ -102,8 +101,17 @@ def _check(options: argparse.Namespace) -> None:
             raise ValueError(f"--depth-scale must be positive and finite, got {options.depth_scale}")
 
 
-def _is_given(options: argparse.Namespace, name: str) -> bool:
-    value = getattr(options, name)
+def check_together(options: argparse.Namespace) -> None:
+    """Complain of options that do not go together."""
+    for alone, others in _ALONE.items():
+        for other in others:
+            if is_given(options, alone) and is_given(options, other):
+                raise ValueError(f"--{other} must not be given with --{alone}, beside which it means nothing")
+
+
+def is_given(options: argparse.Namespace, name: str) -> bool:
+    """Whether the command has the option, and it was given."""
+    value = getattr(options, name, None)
     return value is not None and value is not False  # 0 is a camera
 
 
@@ -116,8 +124,8 @@ def _check_path(option: str, path: Path, kinds: tuple[str, ...]) -> None:
         raise ValueError(f"{option} must be a file, got the folder {path}")
 
 
-def _cameras(options: argparse.Namespace, scene: Scene, aspect: float) -> list[Camera]:
-    """One for each picture."""
+def cameras_of(options: argparse.Namespace, scene: Scene, aspect: float) -> list[Camera]:
+    """One for each picture; options: those of ``CAMERA``."""
     if options.camera is not None:
         if options.camera >= len(scene.cameras):
             raise ValueError(f"--camera must be one of the file's {len(scene.cameras)}, from 0, got {options.camera}")

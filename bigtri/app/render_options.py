@@ -34,7 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     about = "one colour, or one at the top and one at the bottom: names, r,g,b from 0 to 255, or '#rrggbb' (default: a sky)"
     behind.add_argument("--background", type=arguments.color, nargs="+", metavar="COLOR", help=about)
     behind.add_argument("--transparent", action="store_true", help="none: an alpha channel says where the model is")
-    _add_camera(parser.add_argument_group("camera"))
+    camera = parser.add_argument_group("camera")
+    _add_azimuths(camera)
+    add_camera(camera)
     _add_depth(parser.add_argument_group("depth"))
     bins = parser.add_argument_group("the view bins")
     about = "px of the bounding box above which a triangle is shown in bins (default: 4000, as in drawing)"
@@ -47,24 +49,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_execution(parser)
 
 
-def _add_camera(camera: argparse._ArgumentGroup) -> None:
+def add_camera(camera: argparse._ArgumentGroup) -> None:
+    """Adds what says where one camera stands and what it sees; ``pictures.cameras_of`` makes it."""
     # What is not given is None, so that it can be told whether it goes with the rest; ``pictures`` has the values.
-    about = "degrees around the up axis; several make several pictures, numbered (default: 30)"
-    camera.add_argument("--azimuth", type=float, nargs="+", metavar="DEGREES", help=about)
     camera.add_argument("--elevation", type=float, help="degrees above the horizon (default: 20)")
     camera.add_argument("--distance", type=float, help="1 fits the model, 2 is twice as far (default: 1)")
     camera.add_argument("--tight", action="store_true", help="fit the picture to what is seen of the model, and not to a sphere")
     camera.add_argument("--fov", type=float, help="vertical field of view, degrees (default: 40)")
     camera.add_argument("--orthographic", action="store_true", help="no perspective: parallel lines stay parallel")
     camera.add_argument("--up", choices=("y", "z"), help="the model's up axis (default: y)")
-    about = "N pictures from all around, from the azimuth on: an animation, or numbered files"
-    camera.add_argument("--turntable", type=arguments.whole(1, 10_000), metavar="N", help=about)
-    camera.add_argument("--fps", type=arguments.whole(1, 100), default=12, help="pictures a second of an animation (default: 12)")
     about = "see it from this camera of the file, counted from 0; bigtri info says how many there are"
     camera.add_argument("--camera", type=arguments.whole(0), metavar="N", help=about)
     about = "nearest and farthest distance that is drawn, in the model's units (default: what holds the model)"
     camera.add_argument("--near", type=float, help=about)
     camera.add_argument("--far", type=float, help="see --near")
+
+
+def _add_azimuths(camera: argparse._ArgumentGroup) -> None:
+    about = "degrees around the up axis; several make several pictures, numbered (default: 30)"
+    camera.add_argument("--azimuth", type=float, nargs="+", metavar="DEGREES", help=about)
+    about = "N pictures from all around, from the azimuth on: an animation, or numbered files"
+    camera.add_argument("--turntable", type=arguments.whole(1, 10_000), metavar="N", help=about)
+    camera.add_argument("--fps", type=arguments.whole(1, 100), default=12, help="pictures a second of an animation (default: 12)")
 
 
 def _add_depth(depth: argparse._ArgumentGroup) -> None:

@@ -1,4 +1,4 @@
-"""Compare the extension, or stages of one's own, with the reference in bits, and say in words where they differ.
+"""Compare the extension, or stages and variants of one's own, with the reference in bits, and say in words where they differ.
 
 Each stage gets the reference's output of the stage before, so that one fault is reported once, where it is; the whole
 pipeline is compared at the end. docs/numerics.md leaves the order of the queue open, so what binning and scanline hand out
@@ -8,7 +8,7 @@ is compared as sets.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal, NamedTuple, overload
 
 import numpy as np
@@ -20,16 +20,17 @@ from ..ops import arguments
 from ..ops.arguments import Array
 from ..ops.interpolate import barycentrics
 from ..ops.rasterize import CULLS, rasterize
+from ..precision import DEFAULT, PRECISIONS, RUNGS
 from ..reference.numerics import LARGE_THRESHOLD
 from ..reference.records import Bins, Records
-from . import sentences
+from . import registered, sentences
 from . import stages as one_stage
+from .registered import Stage
 from .sentences import Difference, same_bits
 
 __all__ = ["Difference", "Differences", "compare", "differences", "first_difference", "same_bits"]
 
 Scissor = tuple[int, int, int, int]
-Stage = Callable[..., Any]
 
 # What each stage hands out: name, dtype and shape.
 _OUTPUTS: dict[str, dict[str, tuple[str, tuple[str | int, ...]]]] = {
@@ -81,7 +82,7 @@ def compare(
 def compare(
     positions: Array, triangles: Array, resolution: tuple[int, int], *, every: bool = False, **options: Any
 ) -> Difference | Differences | None:
-    """Run every stage on both backends, or on the reference and callables of your own.
+    """Run every stage on both backends, or on the reference and a variant or callables of your own.
 
     Args:
         positions, triangles, resolution, **options: as for ``differences``.
@@ -106,6 +107,7 @@ def differences(
     cull: str = "none",
     scissor: Scissor | None = None,
     variant: str = "auto",
+    precision: str = DEFAULT,
     threshold: int = LARGE_THRESHOLD,
     stages: Mapping[str, Stage] | None = None,
 ) -> Iterator[Difference]:
@@ -115,7 +117,10 @@ def differences(
         positions: float32 [V, 4], clip space.
         triangles: int32 [T, 3].
         resolution: (height, width), px.
-        cull, scissor, variant: as for ``rasterize``; ``native.using_isa`` around the call chooses the instruction set.
+        cull, scissor: as for ``rasterize``; ``native.using_isa`` around the call chooses the instruction set.
+        variant: as for ``rasterize``, or one that ``register_variant`` or ``register_stage`` was given. Of the latter its own
+            stages are compared, and the whole as it draws it, but nothing of the extension.
+        precision: a rung's name. Some hand more than these outputs from stage to stage: of those the whole alone is compared.
         threshold: of the binning stage, px of bbox.
         stages: your own callables by name, compared in place of the extension's stages: "setup", "binning" and whatever else
             ``bigtri.stages`` has, with the arguments and outputs of ``bigtri.reference``; "rasterize" (positions, triangles,
@@ -130,14 +135,23 @@ def differences(
         RuntimeError: a callable raised what is this error's cause; an index in ``triangles`` is out of range; or there is neither
             the extension nor a callable.
     """
-    own = _checked_stages(stages)
+    arguments.check_choice("verify", "cull", cull, CULLS)
+    arguments.check_choice("verify", "precision", precision, PRECISIONS)
+    known = registered.registered_variants()
+    rungs = native.REGISTRY.get("cpu", {})
+    arguments.check_choice("verify", "variant", variant, ("auto", *rungs.get(precision, ()), *known))
+    own = {**registered.stages_of(variant), **_checked_stages(stages)}
     if not own:
         arguments.choose_backend("verify", "native")
-    arguments.check_choice("verify", "cull", cull, CULLS)
-    arguments.check_choice("verify", "variant", variant, ("auto", *native.VARIANTS.get("cpu", ())))
+    if native.available() and variant not in known:
+        arguments.check_compiled("verify", RUNGS[precision], "cpu")
+    if not RUNGS[precision].has_stages and (given := [stage for stage in own if stage in _BY_ITSELF]):
+        whole = f"stages must be 'rasterize' or 'attributes' with precision {precision!r}, which hands on more than these outputs"
+        raise ValueError(f"bigtri.verify: {whole}, got {given[0]!r}")
     height, width = arguments.check_image_size("verify", "resolution", resolution)
     box = arguments.check_scissor("verify", scissor, height, width)
-    run = _Run(_as_numpy(positions), _as_numpy(triangles), height, width, cull, box, variant, threshold, own)
+    scene = _as_numpy(positions), _as_numpy(triangles), height, width, cull, box
+    run = _Run(*scene, variant, precision, threshold, own, variant in known)
     return run.differences()
 
 
@@ -162,8 +176,10 @@ class _Run(NamedTuple):
     cull: str
     scissor: Scissor
     variant: str
+    precision: str
     threshold: int
     own: dict[str, Stage]
+    registered: bool  # whether the variant is one of these, so that no stage of the extension is compared
 
     def differences(self) -> Iterator[Difference]:
         agree = True
@@ -173,10 +189,13 @@ class _Run(NamedTuple):
         yield from self._whole(agree)
 
     def _stage_by_stage(self) -> Iterator[Difference]:
+        by_extension = not self.registered and native.available() and RUNGS[self.precision].has_stages
+        if not by_extension and not any(stage in self.own for stage in _BY_ITSELF):
+            return  # what the reference makes of every stage need not fit the memory where the whole does
         size = {"H": self.height, "W": self.width}
         scene = (self.positions, self.triangles, self.height, self.width, self.cull, self.scissor)
         (*fields, dropped), got = self._both("setup", scene)
-        records = Records(*fields)
+        records = _records(fields)
         if got:
             yield from sentences.setup(records, Records(*got[:-1]))
             yield from sentences.dropped("setup", int(dropped), int(got[-1]))
@@ -228,28 +247,62 @@ class _Run(NamedTuple):
         """
         expected = self._on_backend(stage, given, "reference")
         if stage in self.own:
-            return expected, _checked_outputs(stage, _flat(stage, _call(stage, self.own[stage], given)), sizes)
-        if not native.available():
+            return expected, self._on_own(stage, given, **sizes)
+        if stage == "rasterize" and self.registered and any(stage in self.own for stage in _BY_ITSELF):
+            return expected, self._chained(*given)
+        if self.registered or not native.available():
             return expected, []
         return expected, _checked_outputs(stage, self._on_backend(stage, given, "native"), sizes)
+
+    def _on_own(self, stage: str, given: tuple[Any, ...], **sizes: int) -> list[NDArray[Any]]:
+        """The outputs of one's own stage, which gets copies: what it writes to its arguments does not reach what follows."""
+        who = f"stage {stage} of variant {self.variant!r}" if self.registered else f"stages[{stage!r}]"
+        try:
+            result = self.own[stage](*map(_copied, given))
+        except Exception as error:
+            raise RuntimeError(f"bigtri.verify: {who} raised {type(error).__name__}: {error}") from error
+        return _checked_outputs(stage, _flat(stage, result), sizes)
+
+    def _chained(self, *scene: Any) -> list[NDArray[Any]]:
+        """What the variant's own stages draw, each from what the one before it made; the reference's where it has none."""
+
+        def run(stage: str, *given: Any, **sizes: int) -> list[NDArray[Any]]:
+            return self._on_own(stage, given, **sizes) if stage in self.own else self._on_backend(stage, given, "reference")
+
+        *fields, dropped = run("setup", *scene)
+        records = _records(fields)
+        bins = Bins(*run("binning", records, self.threshold))
+        queue = bins.candidates[bins.kept]
+        touched, _ = run("tile_mask", records, queue, Q=len(queue))
+        (spans,) = run("scanline", records, queue, touched, bins.small)
+        (z,) = run("depth", records, spans, F=int((spans[:, 3] - spans[:, 2]).sum(dtype=np.int64)))
+        (packed,) = run("visibility", records, spans, z, self.height, self.width, H=self.height, W=self.width)
+        return [packed, dropped]
 
     def _on_backend(self, stage: str, given: tuple[Any, ...], backend: str) -> list[NDArray[Any]]:
         """The stage's outputs; of the whole, the depth image too."""
         if stage == "attributes":
-            return [_as_numpy(barycentrics(*given, backend=backend))]
+            return [_as_numpy(barycentrics(*given, backend=backend, precision=self.precision))]
         if stage == "rasterize":
-            options: dict[str, Any] = {"cull": self.cull, "scissor": self.scissor, "variant": self.variant}
+            options: dict[str, Any] = {"cull": self.cull, "scissor": self.scissor, "precision": self.precision}
+            options["variant"] = "auto" if backend == "reference" else self.variant
             seen = rasterize(self.positions, self.triangles, (self.height, self.width), backend=backend, **options)
             return [_as_numpy(image) for image in (seen.packed, seen.dropped, seen.depth)]
-        return _flat(stage, getattr(one_stage, stage)(*given, backend=backend))
+        how = {} if stage == "visibility" else {"precision": self.precision}  # it takes depths of any rung
+        return _flat(stage, getattr(one_stage, stage)(*given, backend=backend, **how))
 
     def _blame(self) -> str:
         """Whose fault it is that the whole differs where no stage does; nothing where not all of its stages were compared."""
+        if self.registered and "rasterize" not in self.own:
+            return "; each stage by itself agrees, so one of them depends on more than it may, such as the order of a queue"
         if "rasterize" in self.own:
-            who, complete = "stages['rasterize']", all(stage in self.own for stage in _BY_ITSELF)
+            who = f"variant {self.variant!r}" if self.registered else "stages['rasterize']"
+            complete = all(stage in self.own for stage in _BY_ITSELF)
         else:
-            name = native.VARIANTS["cpu"][0] if self.variant == "auto" else self.variant
+            variants = native.REGISTRY["cpu"][self.precision]
+            name = next(iter(variants)) if self.variant == "auto" else self.variant
             who, complete = f"variant {name!r}", not any(stage in self.own for stage in _BY_ITSELF)
+            complete &= RUNGS[self.precision].has_stages
         return f"; every stage by itself agrees, so the schedule of {who} is at fault" if complete else ""
 
 
@@ -267,16 +320,15 @@ def _checked_stages(stages: Mapping[str, Stage] | None) -> dict[str, Stage]:
     return dict(stages)
 
 
-def _call(stage: str, function: Stage, given: tuple[Any, ...]) -> Any:
-    """Call one's own stage with copies, so that what it writes to its arguments does not reach the stages after it."""
-    copies = (
-        Records(*map(np.copy, value)) if isinstance(value, Records) else value.copy() if isinstance(value, np.ndarray) else value
-        for value in given
-    )
-    try:
-        return function(*copies)
-    except Exception as error:
-        raise RuntimeError(f"bigtri.verify: stages[{stage!r}] raised {type(error).__name__}: {error}") from error
+def _records(fields: list[NDArray[Any]]) -> Records:
+    """Of setup's outputs; exact's coverage needs no places that are not snapped."""
+    return Records(*fields)._replace(place=np.zeros((len(fields[0]), 0, 2), np.float32))
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, Records):
+        return Records(*map(_copied, value))
+    return value.copy() if isinstance(value, np.ndarray) else value
 
 
 def _checked_outputs(stage: str, values: list[Any], sizes: dict[str, int]) -> list[NDArray[Any]]:

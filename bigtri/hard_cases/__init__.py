@@ -5,7 +5,7 @@
 ``bigtri hard-cases`` writes.
 """
 
-from .mesh import Backend, Case
-from .report import cases
+from .mesh import Backend, Case, Mesh
+from .report import cases, meshes
 
-__all__ = ["Backend", "Case", "cases"]
+__all__ = ["Backend", "Case", "Mesh", "cases", "meshes"]

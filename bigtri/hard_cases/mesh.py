@@ -68,6 +68,7 @@ class Case(NamedTuple):
     naive: Callable[[], dict[str, int]] | None = None  # the same for other ways to do it, by variant
     breaks: tuple[str, ...] = ()  # the variants that must get something wrong, or the case has lost its teeth
     unit: str = "px"  # what ``wrong`` and ``naive`` count
+    build: Callable[[], list[Mesh]] | None = None  # the meshes that it draws, where it is about meshes
 
 
 class Mesh(NamedTuple):
@@ -265,7 +266,8 @@ def mesh_case(
     title, _, reason = (build.__doc__ or "").partition("\n")
     wrong = partial(bigtri_wrong, build)
     plain = partial(naive_wrong, build)
-    return Case(name, family, title.rstrip("."), invariant, " ".join(reason.split()), wrong, plain, tuple(breaks.split()))
+    text = " ".join(reason.split())
+    return Case(name, family, title.rstrip("."), invariant, text, wrong, plain, tuple(breaks.split()), build=build)
 
 
 def _area(xy: NDArray[np.int64]) -> int:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from .. import native
 from . import depths
 from .constructions import MESHES
-from .mesh import Backend, Case
+from .mesh import Backend, Case, Mesh
 from .reports import REPORTS
 from .rules import RULES
 from .structure import STRUCTURE
@@ -35,6 +35,13 @@ def cases() -> dict[str, Case]:
     """All cases by name, H01 to H46 first."""
     numbered = sorted([*MESHES, *RULES, *depths.DEPTHS, *STRUCTURE], key=lambda case: case.name)
     return {case.name: case for case in [*numbered, *REPORTS]}
+
+
+def meshes() -> Iterator[tuple[str, Mesh]]:
+    """The meshes of the cases that are about meshes, each with its case's name: for a rasterizer of one's own."""
+    for case in cases().values():
+        for mesh in case.build() if case.build else ():
+            yield case.name, mesh
 
 
 def choose(names: Sequence[str]) -> list[Case]:

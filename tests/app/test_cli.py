@@ -227,7 +227,7 @@ def imported(*arguments):
     [
         ["--version"],
         ["--help"],
-        *([command, "--help"] for command in ("render", "info", "bench", "accuracy", "demo", "hard-cases")),
+        *([command, "--help"] for command in ("render", "info", "bench", "compare", "accuracy", "demo", "hard-cases")),
     ],
     ids=" ".join,
 )
@@ -246,6 +246,7 @@ def test_help_imports_no_torch(arguments):
         ["render", "m.glb", "-o", "x.png", "--cull", "all"],
         ["bench", "--size", "0x9"],
         ["bench", "--scenes", "S9"],
+        ["compare", "S2", "--precision", "none"],
         ["demo", "--threads", "0"],
         ["hard-cases", "--csv", "."],
     ],

@@ -43,7 +43,18 @@ def test_robotics(capsys):
     np.testing.assert_allclose(names["depth"][names["instance"] == 0].max(), 0.89, rtol=2**-24 * 0.89 / names["camera"].near)
 
 
-@pytest.mark.parametrize("page", ["coming_from.md", "pictures.md", "robotics.md"])
+def test_validate(capsys):
+    """What the page says is printed is what is printed."""
+    try:
+        exec(blocks("validate.md"), {})
+    finally:
+        for name in bigtri.registered_variants():
+            bigtri.unregister_variant(name)
+    printed = re.findall(r"^```text\n(.*?)^```", (DOCS / "validate.md").read_text(), re.M | re.S)
+    assert capsys.readouterr().out == "".join(printed)
+
+
+@pytest.mark.parametrize("page", ["coming_from.md", "pictures.md", "robotics.md", "validate.md"])
 def test_names_of_bigtri(page):
     for name in set(re.findall(r"\bbigtri\.([A-Za-z_]+(?:\.\w+)?)\(", (DOCS / page).read_text())):
         thing = bigtri

@@ -40,7 +40,7 @@ def reference_once():
     def remember(run, stage, given, backend):
         if backend != "reference":
             return ask(run, stage, given, backend)
-        scene = (run.positions.tobytes(), run.triangles.tobytes(), run.height, run.width, run.cull, run.scissor, run.threshold)
+        scene = (run.positions.tobytes(), run.triangles.tobytes(), *run[2:6], run.precision, run.threshold)
         answers = kept[scene] = kept.pop(scene, {})
         if len(kept) > 4:
             kept.pop(next(iter(kept)))

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import collections
-import re
-import textwrap
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -517,6 +514,7 @@ def test_what_a_stage_raises_is_passed_on():
         ({"every": 1}, TypeError, "bigtri.verify.compare: every must be True or False, got 1"),
         ({"cull": "all"}, ValueError, "bigtri.verify: cull must be one of 'none', 'back', 'front', got 'all'"),
         ({"variant": "fast"}, ValueError, "bigtri.verify: variant must be one of 'auto'.*, got 'fast'"),
+        ({"precision": "best"}, ValueError, "bigtri.verify: precision must be one of 'exact'.*, got 'best'"),
         ({"scissor": (1, 2, 3)}, ValueError, "bigtri.verify: scissor must be"),
     ],
 )
@@ -572,9 +570,22 @@ def test_a_schedule_that_loses_the_count_or_the_depth_image(monkeypatch):
 
 
 @needs_native
+def test_a_rung_is_compared_with_its_own_reference(monkeypatch):
+    """Each stage too: one that computes by another rung's arithmetic is found."""
+    assert verify.compare(*CASE, precision="subpixel4", threshold=THRESHOLD) is None
+    real = verify.one_stage.setup
+    with_exact = {"native": "exact", "reference": "subpixel4"}
+    monkeypatch.setattr(
+        verify.one_stage, "setup", lambda *a, backend, precision: real(*a, backend=backend, precision=with_exact[backend])
+    )
+    found = verify.compare(*CASE, precision="subpixel4")
+    assert str(found) == "stage setup, triangle 0: vertex 0 snapped to (2560, 2560) subpx, (160, 160) expected"
+
+
+@needs_native
 def test_an_output_of_the_extension_s_of_another_length(monkeypatch):
     real = verify.one_stage.depth
-    monkeypatch.setattr(verify.one_stage, "depth", lambda *a, backend: real(*a, backend=backend)[backend == "native" :])
+    monkeypatch.setattr(verify.one_stage, "depth", lambda *a, **how: real(*a, **how)[how["backend"] == "native" :])
     with pytest.raises(ValueError, match=r"^bigtri.verify: stage depth must return depth as float32 \[F\] with F = 7701, got"):
         verify.compare(*CASE)
 
@@ -599,13 +610,3 @@ def test_equal_in_bits():
     b = np.array([-0.0, 1.0, np.nan, 0.0, np.inf], np.float32)
     b.view(np.uint32)[2] ^= 0x80000001
     assert sentences.same_bits(a, b).tolist() == [False, True, True, False, True]
-
-
-def test_the_example_of_contributing(capsys):
-    """It prints what the page says it does."""
-    section = (
-        Path(__file__).parents[2].joinpath("CONTRIBUTING.md").read_text().split("## Comparing backends")[1].split("\n## ")[0]
-    )
-    code, printed = (textwrap.dedent(block) for block in re.findall(r"(?<=\n\n)(?:(?:    .*)?\n)*?    .*(?=\n\n\S)", section)[:2])
-    exec(code, {})
-    assert capsys.readouterr().out.strip() == printed.strip()

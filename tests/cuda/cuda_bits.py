@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ import bigtri
 from bigtri import native
 from bigtri.check import verify
 from bigtri.ops.rasterize import Visibility
+from bigtri.precision import DEFAULT
 from bigtri.study import scenes
 
 DEVICE = "cuda"
@@ -45,6 +47,20 @@ VALUES: dict[str, tuple[int, ...]] = {
     "few": (0, 1, 64, 65536),
 }
 Scissor = tuple[int, int, int, int]
+
+
+def that_differ(known: Collection[str], settings: Iterable[dict[str, int]]) -> list[dict[str, int]]:
+    """Of settings such as differ for a variant that has the ``known`` parameters, without the others."""
+    kept = [{field: value for field, value in s.items() if field in known} for s in settings]
+    return [s for n, s in enumerate(kept) if s not in kept[:n]]
+
+
+def paths_of(variant: str) -> list[str]:
+    """Names of ``PATHS`` that differ for a variant."""
+    known, first = native.REGISTRY["cuda"][DEFAULT][variant].parameters, {}
+    for name, settings in PATHS.items():
+        first.setdefault(frozenset(item for item in settings.items() if item[0] in known), name)
+    return [*first.values()]
 
 
 def values_of(parameter: native.Parameter) -> tuple[int, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from cases import CASES, Case
-from cuda_bits import CONSTRUCTIONS, EVERY, PATHS, VALUES, values_of
+from cuda_bits import CONSTRUCTIONS, EVERY, PATHS, VALUES, that_differ, values_of
 from cuda_on_cpu import TOGETHER, VARIANTS, Job
 from exhaustive import exhaustive
 
@@ -79,8 +79,7 @@ def read_by(variant: str) -> dict[str, tuple[int, ...]]:
 
 def as_read(variant: str, settings: Iterable[dict[str, int]]) -> list[dict[str, int]]:
     """Of settings such as differ for the variant."""
-    kept = [{field: value for field, value in s.items() if field in read_by(variant)} for s in settings]
-    return [s for n, s in enumerate(kept) if s not in kept[:n]]
+    return that_differ(read_by(variant), settings)
 
 
 def covering(variant: str, rng: np.random.Generator) -> list[dict[str, int]]:
@@ -206,7 +205,7 @@ def test_nothing_to_draw(variant: str) -> None:
     ("file", "old", "new", "said"),
     [
         ("region.cuh", "at[k] += step[k];", "at[k] += 2 * step[k];", "values differ"),
-        ("persistent.cu", "WarpOwn warp[kWarps];", "WarpOwn warp[kWarps / kWarps];", "cuda_on_cpu: "),
+        ("persistent.cu", "int64_t pixels[kBin * kBin];", "int64_t pixels[kBin * kTile];", "cuda_on_cpu: "),
         ("patch.cuh", "if (k == 0) {", "if (k == 0) { __syncthreads();", "cuda_on_cpu: "),
         ("bin_owned.cu", "blockIdx.x);\n  __syncthreads();\n  Fate", "blockIdx.x);\n  Fate", "values differ"),
         ("sliver.cuh", "more = s->count > 0;\n      __syncthreads();", "more = s->count > 0;", "values differ"),

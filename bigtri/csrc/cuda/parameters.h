@@ -19,6 +19,10 @@ namespace bigtri {
     "longest side of the bbox of a triangle that is drawn by rows at set-up; what is wider waits; 0: 64, 192 or " \
     "256, by the image and the number of triangles",                                                              \
     0, 0, 256)
+// Threads of a block, for the designs that are asked how much it matters.
+constexpr int kMostThreads = 512;
+constexpr int64_t kThreadCounts[] = {32, 64, 128, 256, kMostThreads, -1};
+#define BIGTRI_THREADS_PARAMETER(X) X(threads, "threads", "of a block", 128, 32, kMostThreads, kThreadCounts)
 // kShares: of ways.cuh
 #define BIGTRI_SHARE_PARAMETER(X)                                                                                    \
   X(share, "triangles",                                                                                              \

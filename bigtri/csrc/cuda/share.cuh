@@ -1,7 +1,7 @@
 // What becomes of a block's share of the triangles: set-up, drawing by rows or boxes, and what is left to the caller.
 #pragma once
 
-#include "clip.cuh"
+#include "primitives.cuh"
 #include "rows.cuh"
 #include "small.cuh"
 #include "ways.cuh"
@@ -192,13 +192,6 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
   const bool have = clip_part(f, view, t, &s->clip, &part);
   __syncwarp();
   return file<kRows>(part, f.first_triangle + t, view, have, widest, s);
-}
-
-// Adds triangles to a view's number of those dropped. By all lanes. Rarely called.
-__device__ __noinline__ void count_dropped(const Frame& f, int32_t view, unsigned dropped) {
-  wait_for_previous();
-  if (lane_id() == 0)
-    atomicAdd(reinterpret_cast<unsigned long long*>(f.dropped + view), (unsigned long long)__popc(dropped));
 }
 
 // Notes how many triangles a warp draws by rows, and the pixels of their bboxes. By all lanes.

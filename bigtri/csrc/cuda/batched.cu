@@ -1,0 +1,114 @@
+// The batched variant: a block takes up to 32 triangles, and draws one after the other; its threads stride over the
+// pixels of the bounding box, test the three edges at each, and draw with an atomic minimum. The baseline of Splatshop:
+// simple and good for small triangles, but most of a large triangle's bounding box is not the triangle, and one block has
+// all of it.
+
+#include "clear.h"
+#include "depth_image.h"
+#include "fragment.cuh"
+#include "parameters.h"
+#include "primitives.cuh"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+namespace {
+
+#define BIGTRI_LIST(X)        \
+  BIGTRI_THREADS_PARAMETER(X) \
+  X(batch, "triangles", "of a block, which draws one after the other", kWarp, 1, kWarp)
+BIGTRI_PARAMETERS(BIGTRI_LIST)
+
+// Shared memory of a block.
+struct Batch {
+  Record record[kWarp];
+  ClipScratch clip;
+  int count;  // records
+  unsigned to_clip;  // bit k: triangle k of the batch has to be clipped
+};
+
+// The pixels of the record's bounding box within one cell, which has one depth plane. By all threads of a block.
+__device__ __forceinline__ void draw_in_cell(const Frame& f, const Record& r, int cell_x, int cell_y) {
+  const int x0 = max_of(r.x0, cell_x * kBin), x1 = min_of(r.x1, (cell_x + 1) * kBin), y0 = max_of(r.y0, cell_y * kBin),
+            y1 = min_of(r.y1, (cell_y + 1) * kBin), columns = x1 - x0;
+  const CellPlane plane = cell_plane(r, cell_x, cell_y);
+  Edge edge[3];
+  int64_t first[3];  // an edge may be so far away that its value does not fit 32 bits
+  for (int k = 0; k < 3; ++k) {
+    edge[k] = edge_of(r.x, r.y, k);
+    first[k] = edge_steps(edge[k], x0, y0);
+  }
+  for (int n = threadIdx.x; n < columns * (y1 - y0); n += blockDim.x) {
+    const int i = n % columns, j = n / columns, x = x0 + i, y = y0 + j;
+    int64_t outside = 0;
+    for (int k = 0; k < 3; ++k) outside |= first[k] - (int64_t)edge[k].dy * i + (int64_t)edge[k].dx * j;
+    if (outside < 0) continue;
+    const float z = r.flags & kRecordThin ? thin_depth(&r, x, y)
+                                          : finish_depth(plane_row<double>(plane.zcell, plane.dzdy, y % kBin) +
+                                                             plane_column<double>(plane.dzdx, x % kBin),
+                                                         r.zmin, r.zmax);
+    keep_nearest(f.packed + (int64_t)y * f.view.width + x, pack_fragment(z, r.triangle), false);
+  }
+}
+
+// The batch's records. By all threads of a block.
+__device__ __forceinline__ void draw_records(const Frame& f, const Batch& b) {
+  for (int n = 0; n < b.count; ++n) {
+    const Record& r = b.record[n];
+    const BinBox cells = bin_box(r);
+    for (int i = 0; i < cells.count; ++i) draw_in_cell(f, r, cells.x + i % cells.columns, cells.y + i / cells.columns);
+  }
+}
+
+__global__ void __launch_bounds__(kMostThreads) draw_batches(const __grid_constant__ Frame f, int batch) {
+  __shared__ Batch b;
+  let_next_begin();
+  wait_for_previous();
+  const int64_t first = (int64_t)blockIdx.x * batch;
+  Primitive p;
+  if (this_warp() == 0) {
+    const Fate fate = set_up_lanes(f, first, (int)min_of<int64_t>(batch, f.count - first), &p);
+    const unsigned to_clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
+    const int count = put_records(fate == Fate::kWhole, p, f.first_triangle + first + lane_id(), b.record);
+    if (lane_id() == 0) {
+      b.to_clip = to_clip;
+      b.count = count;
+    }
+  }
+  __syncthreads();
+  draw_records(f, b);
+  for (unsigned todo = b.to_clip; todo; todo &= todo - 1) {
+    const int64_t triangle = first + __ffs(todo) - 1;
+    __syncthreads();  // all have drawn what was there
+    if (this_warp() == 0) {
+      const bool have = clip_lanes(f, triangle, &b.clip, &p);
+      const int count = put_records(have, p, f.first_triangle + triangle, b.record);
+      if (lane_id() == 0) b.count = count;
+    }
+    __syncthreads();
+    draw_records(f, b);
+  }
+}
+
+cudaError_t draw_view(const Frame& f, const Values& v, cudaStream_t stream) {
+  BIGTRI_CUDA(launch_clear(f, nullptr, {}, stream));
+  if (f.count > 0)
+    BIGTRI_CUDA(launch_next(draw_batches, grid_blocks(f.count, v.batch), (int)v.threads, 0, stream, f, (int)v.batch));
+  return launch_depth(f, 0, stream);
+}
+
+int64_t scratch_bytes(const Frame&, const int64_t*) { return 0; }
+
+cudaError_t draw(const Frame& frame, const int64_t* values, void*, cudaStream_t stream) {
+  const Values v = Values::of(values);
+  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, stream); });
+}
+
+}  // namespace
+
+extern const CudaVariant batched_variant;
+const CudaVariant batched_variant = {
+    "batched", "32 triangles a block, whose threads stride over bounding boxes, with atomics: Splatshop's baseline",
+    kParameters, scratch_bytes, draw};
+
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri
