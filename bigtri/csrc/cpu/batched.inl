@@ -54,7 +54,7 @@ void stride(const Record& r, int64_t* pixels, int width, Counts* counts) {
 template <class F>
 BIGTRI_INLINE void stride_any(const Record& r, int64_t* pixels, int width, Counts* counts) {
   const bool far = r.flags & kRecordFar;
-  if (r.flags & kRecordThin)
+  if (is_thin(r))
     far ? stride<true, true, F>(r, pixels, width, counts) : stride<true, false, F>(r, pixels, width, counts);
   else
     far ? stride<false, true, F>(r, pixels, width, counts) : stride<false, false, F>(r, pixels, width, counts);

@@ -35,7 +35,7 @@ struct CellDepth {
 
 // The depth of a record's plane at the cell's first pixel centre; of a thin record, which has none, any number.
 BIGTRI_INLINE DepthNumber cell_anchor(const Record& r, int bin_x, int bin_y) {
-  return r.flags & kRecordThin ? 0 : depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin);
+  return is_thin(r) ? 0 : depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin);
 }
 
 // anchor: cell_anchor of the cell, where it is known already.
