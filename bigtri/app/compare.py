@@ -76,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         variants = arguments.chosen("variant", options.variants, list(rungs[options.precision]))
         if options.isa:
             arguments.chosen("instruction set", options.isa, native.isa_levels())
-        case = _case(options)
+        case = case_of(options.scene, options.size, options)
     except ValueError as error:
         command.error(str(error))
     job = Job(case.positions, case.triangles, (case.height, case.width), options.device, options.precision, options.cull)
@@ -111,8 +111,8 @@ def table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def _case(options: argparse.Namespace) -> Case:
-    """The scene of that name, or the model in that file.
+def case_of(name: str, size: tuple[int, int], options: argparse.Namespace) -> Case:
+    """The scene of that name, or the model in that file, in so many px; ``options``: --seed, and those of the camera.
 
     Raises:
         ValueError: options of the camera without a model file; neither such a scene nor such a file.
@@ -121,15 +121,15 @@ def _case(options: argparse.Namespace) -> Case:
     from ..study import accuracy
     from . import pictures
 
-    width, height = options.size
-    if options.scene in accuracy.HARD or options.scene in scenes.SCENES:
-        if given := [name for name in pictures.CAMERA if pictures.is_given(options, name)]:
-            raise ValueError(f"--{given[0]} must be given with a model file, got the scene {options.scene}")
-        return accuracy.case(options.scene, width, height, options.seed)
-    path = Path(options.scene)
+    width, height = size
+    if name in accuracy.HARD or name in scenes.SCENES:
+        if given := [option for option in pictures.CAMERA if pictures.is_given(options, option)]:
+            raise ValueError(f"--{given[0]} must be given with a model file, got the scene {name}")
+        return accuracy.case(name, width, height, options.seed)
+    path = Path(name)
     if not path.suffix and not path.exists():
         names = ", ".join([*scenes.SCENES, *accuracy.HARD])
-        raise ValueError(f"SCENE must be a model file or one of {names}, got {options.scene!r}")
+        raise ValueError(f"SCENE must be a model file or one of {names}, got {name!r}")
     pictures.check_together(options)
     print(f"reading {path}", file=sys.stderr)
     scene = load_scene(path)
