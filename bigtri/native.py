@@ -100,8 +100,21 @@ REGISTRY = _registry()
 VARIANTS: dict[str, tuple[str, ...]] = {kind: tuple(rungs[DEFAULT]) for kind, rungs in REGISTRY.items()}
 
 
-# What a variant counts where it is asked to, in the order in which the operator writes the numbers; csrc/core/counters.h.
-COUNTERS: tuple[str, ...] = tuple(torch.ops.bigtri.counters().split(",")) if not _LIBRARIES["cpu"].error else ()
+class Counter(NamedTuple):
+    """Something that variants count; csrc/core/counters.h."""
+
+    depends: str  # "nothing", "spared", "order" or "most": what it depends on besides the scene and the parameters
+    about: str  # what is counted
+
+
+def _counters() -> dict[str, Counter]:
+    """What csrc/torch/rasterize_ops.cpp wrote."""
+    lines = (line.split("\t") for line in torch.ops.bigtri.counters().splitlines())
+    return {name: Counter(depends.removeprefix("k").lower(), about) for name, depends, about in lines}
+
+
+# What a variant counts where it is asked to, by name, in the order in which the operator writes the numbers.
+COUNTERS: dict[str, Counter] = {} if _LIBRARIES["cpu"].error else _counters()
 
 
 def available() -> bool:

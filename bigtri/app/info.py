@@ -11,6 +11,7 @@ from pathlib import Path
 import torch
 
 from .. import __version__, machine, native
+from ..precision import DEFAULT
 from ..study import provenance
 
 # What the builds differ by, as /proc/cpuinfo calls it.
@@ -72,4 +73,5 @@ def _extension() -> list[tuple[str, str]]:
         ("extension", "built and loaded"),
         ("extension's levels", f"{levels}; in use: {native.isa()}"),
         ("extension's CUDA", cuda),
+        *((f"variant {name}", variant.paper) for name, variant in native.REGISTRY["cpu"][DEFAULT].items()),
     ]

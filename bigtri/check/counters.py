@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 
 from .. import native, reference
@@ -10,9 +12,11 @@ from ..ops import arguments
 from ..ops.arguments import Array
 from ..ops.rasterize import check_indices
 from ..precision import DEFAULT, Precision
-from ..reference.variants import COUNTS
+from ..reference.variants import MODELS
+from ..reference.work import Job
 
 Scissor = tuple[int, int, int, int]
+LARGEST = ("most_work",)  # of views and tasks the largest counts, where other counters are sums
 
 
 def count(
@@ -25,13 +29,19 @@ def count(
     precision: str | Precision = DEFAULT,
     cull: str = "none",
     scissor: Scissor | None = None,
+    parameters: Mapping[str, int] | None = None,
 ) -> dict[str, int]:
-    """The counters of csrc/core/counters.h that are not 0, by name; the same on both backends.
+    """The counters of csrc/core/counters.h that are not 0, by name, of all views together.
+
+    Both backends count the same, but for what depends on the order in which threads work (``bigtri.native.COUNTERS`` says
+    which counters do): of that the reference has what one thread does.
 
     Args:
         positions, triangles, resolution, cull, scissor, precision: as for ``rasterize``; on the CPU.
         variant: one of ``bigtri.native.VARIANTS["cpu"]``.
         backend: "native" draws with the build that counts, "reference" works the numbers out from the stages; "auto".
+
+        parameters: values of the variant's parameters by name, instead of the standard ones.
 
     Raises:
         TypeError, ValueError: an argument of another dtype, shape or value; the text names it.
@@ -39,7 +49,7 @@ def count(
     """
     op = "count"
     chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "variant", variant, tuple(COUNTS))
+    arguments.check_choice(op, "variant", variant, tuple(MODELS))
     arithmetic = arguments.check_precision(op, precision)
     arguments.check_choice(op, "cull", cull, CULLS)
     height, width = arguments.check_image_size(op, "resolution", resolution)
@@ -52,17 +62,32 @@ def count(
     check_indices(op, faces, views.shape[1])
     if chosen == "reference":
         total: dict[str, int] = {}
+        values = _all_parameters(op, variant, parameters)
         for view in views:
-            records, _ = reference.setup(view.numpy(), faces.numpy(), height, width, cull, box, arithmetic)
-            for name, n in COUNTS[variant](records, arithmetic).items():
-                total[name] = total.get(name, 0) + n
+            mesh = view.numpy(), faces.numpy()
+            records, _ = reference.setup(*mesh, height, width, cull, box, arithmetic)
+            for name, n in MODELS[variant].count(Job(*mesh, records, height, width, arithmetic, values)).items():
+                total[name] = max(total.get(name, 0), n) if name in LARGEST else total.get(name, 0) + n
         return {name: n for name, n in total.items() if n}
     arguments.check_compiled(op, arithmetic, "cpu")
     arguments.check_choice(op, "variant", variant, tuple(native.REGISTRY["cpu"][arithmetic.name]))
     counters = torch.zeros(len(native.COUNTERS), dtype=torch.int64)
-    parameters = native.parameter_values(op, native.REGISTRY["cpu"][arithmetic.name][variant], None)
+    chosen_values = native.parameter_values(op, native.REGISTRY["cpu"][arithmetic.name][variant], parameters)
     packed = torch.empty((*clip.shape[:-2], height, width), dtype=torch.int64)
     dropped = torch.empty(clip.shape[:-2], dtype=torch.int64)
-    drawing = (clip, faces, height, width, cull, box, variant, arithmetic.name, 1, parameters, None, None)
+    drawing = (clip, faces, height, width, cull, box, variant, arithmetic.name, 1, chosen_values, None, None)
     torch.ops.bigtri.rasterize(*drawing, packed, None, dropped, counters)
     return {name: int(n) for name, n in zip(native.COUNTERS, counters, strict=True) if n}
+
+
+def load(counts: Mapping[str, int]) -> float:
+    """How unevenly a variant's tasks are loaded: the most work that one of them has, over the mean. 0 if nothing was drawn."""
+    return counts["most_work"] * counts["tasks"] / counts["work"] if counts.get("work") else 0.0
+
+
+def _all_parameters(op: str, variant: str, given: Mapping[str, int] | None) -> dict[str, int]:
+    standard = MODELS[variant].STANDARD
+    for name in given or {}:
+        if name not in standard:
+            raise ValueError(f"bigtri.{op}: parameters of variant {variant!r} are {', '.join(standard) or 'none'}, got {name!r}")
+    return {**standard, **(given or {})}

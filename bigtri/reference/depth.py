@@ -75,6 +75,35 @@ def _unclamped_depth(records: Records, pieces: _Pieces, arithmetic: Arithmetic) 
     return z
 
 
+@default_float_mode
+def bound_depth(
+    records: Records, place: NDArray[np.int64], size: int, farthest: bool, arithmetic: Arithmetic = EXACT
+) -> NDArray[np.float32]:
+    """float32 [N]: a depth that no pixel of a square is nearer than; or farther, if ``farthest``.
+
+    A plane's extremes over a rectangle of a cell lie at its corners, exactly as computed (numerics.md 7). A record that is thin
+    has no plane; its vertices bound it. Only for planes of cells that are stored as they are.
+
+    Args:
+        records: N records.
+        place: int64 [N, 3], (record, x, y): the square's first pixel, px. The square lies in one cell.
+        size: px.
+        farthest: which of both.
+        arithmetic: the rung of the precision ladder.
+    """
+    record, x, y = place.T
+    number: Number = np.float32 if arithmetic.precision.depth == "float32_cell" else np.float64
+    planes = _planes(records, np.stack([record, x // CELL, y // CELL], axis=1), number, arithmetic)
+    i = x % CELL + np.where((planes.dx < 0) != farthest, size - 1, 0)
+    j = y % CELL + np.where((planes.dy < 0) != farthest, size - 1, 0)
+    z = ((planes.corner + planes.dy * j.astype(number)) + planes.dx * i.astype(number)).astype(np.float32)
+    lowest, highest = records.z[record].min(axis=1), records.z[record].max(axis=1)
+    z = np.minimum(np.maximum(z, lowest), highest)
+    if arithmetic.precision.depth != "float32_cell":
+        z = np.where(_is_thin(records, record, arithmetic), highest if farthest else lowest, z)
+    return z + np.float32(0)
+
+
 def _stored(z: NDArray[np.float32], arithmetic: Arithmetic) -> NDArray[np.float32]:
     """Depths ``z`` >= +0 as they are stored; one beyond 1, which is dropped, stays beyond 1."""
     rule = arithmetic.precision.depth

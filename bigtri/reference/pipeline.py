@@ -20,9 +20,9 @@ from .visibility import background, merge
 
 # Sizes of chunks, for arrays that stay in a cache rather than for the least memory: at some 100 bytes of intermediate values a
 # bin, row or fragment, tens of megabytes at a time.
-_BINS = 1 << 16
-_ROWS = 1 << 16
-_FRAGMENTS = 1 << 18
+BINS = 1 << 16
+ROWS = 1 << 16
+FRAGMENTS = 1 << 18
 
 
 @default_float_mode
@@ -53,10 +53,10 @@ def rasterize(
     """
     all_records, dropped = setup(positions, triangles, height, width, cull, scissor, arithmetic)
     packed = background(height, width)
-    for chunk in _batches(bbox_bins(all_records), _BINS):
+    for chunk in batches(bbox_bins(all_records), BINS):
         records = Records(*(field[chunk] for field in all_records))
         for spans in _spans(records, threshold, arithmetic):
-            for part in _batches(spans[:, 3] - spans[:, 2], _FRAGMENTS):
+            for part in batches(spans[:, 3] - spans[:, 2], FRAGMENTS):
                 merge(packed, records, spans[part], depth(records, spans[part], arithmetic))
     return packed, dropped
 
@@ -66,15 +66,15 @@ def _spans(records: Records, threshold: int, arithmetic: Arithmetic) -> Iterator
     bins = binning(records, threshold, arithmetic)
     queue = bins.candidates[bins.kept]
     none_queued, none_touched, none_small = queue[:0], np.zeros(0, np.int64), bins.small[:0]
-    for part in _batches(np.full(len(queue), BIN), _ROWS):
+    for part in batches(np.full(len(queue), BIN), ROWS):
         touched, _ = tile_mask(records, queue[part], arithmetic)
         yield scanline(records, queue[part], touched, none_small, arithmetic)
     rows = records.bbox[bins.small, 3] - records.bbox[bins.small, 1]
-    for part in _batches(rows, _ROWS):
+    for part in batches(rows, ROWS):
         yield scanline(records, none_queued, none_touched, bins.small[part], arithmetic)
 
 
-def _batches(cost: NDArray[np.int_], limit: int) -> Iterator[slice]:
+def batches(cost: NDArray[np.int_], limit: int) -> Iterator[slice]:
     """Consecutive slices of elements that cost about ``limit`` together: less than that plus one element's cost."""
     batch = (np.cumsum(cost, dtype=np.int64) - cost) // limit  # that of the cost up to the element
     bounds = np.concatenate([[0], np.flatnonzero(np.diff(batch)) + 1, [len(cost)]])

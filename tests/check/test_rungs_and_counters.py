@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ import bigtri
 from bigtri import native
 from bigtri.check import counters, stages
 from bigtri.precision import PRECISIONS, RUNGS
-from bigtri.reference.variants import COUNTS
+from bigtri.reference.variants import MODELS
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 CSRC = Path(bigtri.__file__).parent / "csrc"
@@ -72,7 +74,10 @@ def test_the_variants_are_those_of_the_header() -> None:
     for rung, names in lists:
         if rung in COMPILED:
             assert [*native.REGISTRY["cpu"][rung]] == re.findall(r"X\((\w+)\)", names), rung
-    assert {*COUNTS} == {*VARIANTS}, "bigtri/reference/variants has one file per variant of the CPU"
+    assert {*MODELS} == {*VARIANTS}, "bigtri/reference/variants has one file per variant of the CPU"
+    for name, model in MODELS.items():
+        parameters = native.REGISTRY["cpu"]["exact"][name].parameters.values()
+        assert {p.name: p.standard for p in parameters} == model.STANDARD, name
 
 
 @pytest.mark.parametrize(("precision", "name"), RUNG_AND_CASE)
@@ -152,16 +157,74 @@ def test_views_drawn_together_are_those_drawn_alone(name: str, variant: str) -> 
             assert same(bigtri.Visibility(*(field[b] for field in seen)), one), (parameters, b)
 
 
-@pytest.mark.parametrize("precision", COUNTED)
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def assert_within_bounds(counts: dict[str, int], serial: dict[str, int], covered: int, rejects_by_depth: bool) -> None:
+    """What holds of a parallel run, whatever the order.
+
+    What depends on nothing is what the reference has. So is what a depth test spares, if the variant has none whose order
+    threads decide. Of an order: a pixel that is covered in the end was nearer than the background once, so it passed and was
+    written; what is written was nearer than what the pixel held; and what passes was offered.
+    """
+    of = {name: counts.get(name, 0) for name in native.COUNTERS}
+    for name, counter in native.COUNTERS.items():
+        if counter.depends == "nothing" or (counter.depends in ("spared", "most") and not rejects_by_depth):
+            assert of[name] == serial.get(name, 0), name
+    assert covered <= of["passed"] <= of["fragments"]
+    assert covered <= of["written"]
+    if of["atomics"]:
+        assert of["written"] <= of["passed"] and of["written"] <= of["atomics"]
+    assert of["tasks"] <= of["work"] <= of["most_work"] * of["tasks"]
+    assert 1 <= counters.load(counts) <= of["tasks"]
+
+
+# Rungs share the code that counts; exact's draws balanced.
+COUNTED_CASES = [(rung, name) for rung in COUNTED if rung != "balanced" for name in (FEW if rung == "exact" else FEW[:2])]
+
+
+@pytest.mark.parametrize(("precision", "name"), COUNTED_CASES)
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("name", FEW)
 @pytest.mark.filterwarnings("ignore:invalid value")
 def test_counters_are_the_reference_s(name: str, variant: str, precision: str) -> None:
     case = make(name)
-    for positions in (case.positions, batch_of(case)):
-        given = positions, case.triangles, case.resolution
-        both = [counters.count(*given, variant=variant, precision=precision, backend=b) for b in ("reference", "native")]
-        assert both[0] == both[1] and (both[0] or name == "nothing")
+    given = batch_of(case), case.triangles, case.resolution
+    how = {"variant": variant, "precision": precision}
+    expected = counters.count(*given, **how, backend="reference")
+    with threads(1):
+        assert counters.count(*given, **how, backend="native") == expected
+    assert expected["records"] == expected.get("by_rows", 0) + expected.get("by_tiles", 0)
+    covered = int((bigtri.rasterize(*given, precision=precision).triangle >= 0).sum())
+    for count in (2, 5):
+        with threads(count):
+            counts = counters.count(*given, **how, backend="native")
+        assert_within_bounds(counts, expected, covered, MODELS[variant].REJECTS_BY_DEPTH)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_counters_of_other_parameters_are_the_reference_s(variant: str) -> None:
+    case = make("layers")
+    for p in native.REGISTRY["cpu"]["exact"][variant].parameters.values():
+        how = {"variant": variant, "parameters": {p.name: p.standard // 2 if p.standard > 1 else p.high}}
+        with threads(1):
+            both = [counters.count(*case, **how, backend=b) for b in ("reference", "native")]
+        assert both[0] == both[1], p.name
+
+
+def test_the_load_is_the_most_over_the_mean() -> None:
+    assert counters.load({"tasks": 4, "work": 100, "most_work": 50}) == 2
+    assert counters.load({}) == 0
+    with pytest.raises(ValueError, match=r"bigtri.count: parameters of variant 'scanline' are share, got 'speed'"):
+        counters.count(*make("on_bins"), variant="scanline", backend="reference", parameters={"speed": 1})
+    with pytest.raises(ValueError, match="in one pass; with parameter records = 3 this view takes more, since it needs"):
+        counters.count(*make("layers"), variant="bin_owned", backend="reference", parameters={"records": 3})
 
 
 def test_parameters_are_checked_by_name() -> None:

@@ -411,7 +411,7 @@ def test_neither_threshold_nor_chunks_change_a_bit(family: str, monkeypatch: pyt
     packed, _ = rasterize(positions, triangles, HEIGHT, WIDTH)
     for threshold in (0, 10**9):
         np.testing.assert_array_equal(packed, rasterize(positions, triangles, HEIGHT, WIDTH, threshold=threshold)[0])
-    for name, limit in (("_BINS", 3), ("_ROWS", 100), ("_FRAGMENTS", 50)):
+    for name, limit in (("BINS", 3), ("ROWS", 100), ("FRAGMENTS", 50)):
         monkeypatch.setattr(pipeline, name, limit)
     np.testing.assert_array_equal(packed, rasterize(positions, triangles, HEIGHT, WIDTH)[0])
 

@@ -106,6 +106,7 @@ class Drawing {
     job_.view = frame.view;
     job_.packed = frame.packed;
     job_.depth = frame.depth;
+    job_.counters = frame.counters;
     const int64_t pixels = (int64_t)frame.views * frame.view.width * frame.view.height;
     job_.streams_packed = pixels > kPackedInCache;
     job_.streams_depth = pixels > kDepthInCache;
@@ -204,6 +205,7 @@ class Drawing {
         while (first_view + (int64_t)view_begin.size() <= first + chunks[i].view) view_begin.push_back(chunks[i].slot);
         frame_.dropped[first + chunks[i].view] += chunks[i].dropped;
         counts_.add(Counter::records, chunks[i].used);
+        counts_.add(Counter::bytes, chunks[i].used * (int64_t)sizeof(Record));
       }
       view_begin.push_back(slots);
       draw_records(records.get(), candidates.get(), first_view, view_begin,
@@ -262,7 +264,10 @@ class Drawing {
     std::vector<uint32_t> counts(runs * bins, 0);
     std::vector<int64_t> used(runs);
     parallel_(runs, [&](int64_t c) {
-      used[c] = kernels_.bin(job, bounds[c], bounds[c + 1], pairs.get() + pair_begin[c], counts.data() + c * bins);
+      Counts work;
+      used[c] =
+          kernels_.bin(job, bounds[c], bounds[c + 1], pairs.get() + pair_begin[c], counts.data() + c * bins, &work);
+      work.publish(frame_.counters);
     });
     // Bins of views that no pass has begun and that come before this pass. Their lists are empty; they are drawn with
     // this pass, as background.
@@ -280,6 +285,7 @@ class Drawing {
     list_begin[ahead + bins] = at;
     counts_.add(Counter::candidates, total);
     counts_.add(Counter::entries, at);
+    counts_.add(Counter::bytes, at * (int64_t)(sizeof(BinPair) + sizeof(uint32_t)));
     const auto entries = allocate<uint32_t>(at);
     parallel_(runs, [&](int64_t c) {
       uint32_t* next = counts.data() + c * bins;

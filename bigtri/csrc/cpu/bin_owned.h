@@ -5,6 +5,7 @@
 
 #include "../core/record.h"
 #include "backend.h"
+#include "counting.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -61,6 +62,7 @@ struct RasterJob {
   const ShadeJob* shade;  // the picture to be made, or null
   int64_t finished_views;  // views below it are finished by this pass, and so shaded
   float* depth;  // out: [views, H, W] or null
+  int64_t* counters;  // out, added to: [kCounters] or null
   // Whether packed, and depth, are stored around the caches, which is faster only if the image does not fit them.
   bool streams_packed, streams_depth;
   int64_t rows_in_cache;  // px: whole rows of background below it are not, in either
@@ -78,7 +80,7 @@ struct BinOwnedKernels {
                    int64_t* dropped);
   // Writes a pair for each bin that a record in slots [begin, end) enters, and adds 1 to counts[bin]. Returns the
   // number of pairs, which is at most the sum of candidates.
-  int64_t (*bin)(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts);
+  int64_t (*bin)(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts, Counts* work);
   // Draws one bin and stores its pixels, or stores background to `bins` bins of a row that have no entries. bin, the
   // first, is numbered through all views; scratch is 64-byte aligned. If there is a picture to be made, shades what is
   // finished; shade_scratch is for that (ShadeKernels).

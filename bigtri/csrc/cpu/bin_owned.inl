@@ -44,19 +44,32 @@ struct Scratch {
   alignas(64) int64_t pixels[kBin * kBin + 8];
   float tile_far[64];  // depth bound of each tile, a window depth, from all blocks of the pass so far
   Large block[kBlock];
+  Counts counts;
 };
 static_assert(sizeof(Scratch) <= kScratchBytes, "scratch");
 
+// Offers a record's packed values to eight pixels of a row, or to those of them whose bits are set.
+template <class... Bits>
+BIGTRI_INLINE void offer(Scratch* s, int at, const i64x8& packed, Bits... bits) {
+  if constexpr (kCounts) {
+    for (int i = 0; i < 8; ++i) {
+      const bool offered = ((bits >> i & 1) & ... & 1);
+      s->counts.add(Counter::fragments, offered);
+      s->counts.add(Counter::passed, offered && packed[i] < s->pixels[at + i]);
+    }
+  }
+  keep_nearest(s->pixels + at, packed, bits...);
+}
+
 // Draws the visible tiles of a large record. Tiles that it fills need no coverage; the others are drawn by row.
 template <bool kThin, bool kFar>
-BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels) {
+BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, Scratch* s) {
   const CellDepth d = l.depth;  // a copy: the compiler need not reload it after each store to pixels
   PlaneTable table;
   if (!kThin) plane_table(d, &table);
   for (uint64_t full = visible & l.full; full; full &= full - 1) {
     const int t = __builtin_ctzll(full), x = t % 8 * kTile, y = t / 8 * kTile;
-    for (int j = 0; j < kTile; ++j)
-      keep_nearest(pixels + (y + j) * kBin + x, row_packed<kThin, kFar>(d, table, x, y + j));
+    for (int j = 0; j < kTile; ++j) offer(s, (y + j) * kBin + x, row_packed<kThin, kFar>(d, table, x, y + j));
   }
   visible &= ~l.full;
   if (!visible) return;
@@ -69,25 +82,28 @@ BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, int64_t* pixels)
   int count = 0;
   for (; visible; visible &= visible - 1) {
     const int t = __builtin_ctzll(visible);
-    count = append_rows(tile_coverage(edge, offset, t % 8, t / 8), t / 8 * kTile * kBin + t % 8 * kTile, rows, count);
+    const uint64_t covered = tile_coverage(edge, offset, t % 8, t / 8);
+    s->counts.add(Counter::edges_32, 3 * kTile * kTile);
+    s->counts.add(Counter::tiles_empty, !covered);
+    count = append_rows(covered, t / 8 * kTile * kBin + t % 8 * kTile, rows, count);
   }
   for (int i = 0; i < count; ++i) {
     const int at = (int)(rows[i] >> 8);
-    keep_nearest(pixels + at, row_packed<kThin, kFar>(d, table, at % kBin, at / kBin), rows[i] & 0xff);
+    offer(s, at, row_packed<kThin, kFar>(d, table, at % kBin, at / kBin), rows[i] & 0xff);
   }
 }
 
 // Chooses the depth arithmetic once per record.
-BIGTRI_INLINE void draw_large(const Large& l, uint64_t visible, int64_t* pixels) {
+BIGTRI_INLINE void draw_large(const Large& l, uint64_t visible, Scratch* s) {
   if (l.depth.thin) {
     if (l.depth.far)
-      draw_tiles<true, true>(l, visible, pixels);
+      draw_tiles<true, true>(l, visible, s);
     else
-      draw_tiles<true, false>(l, visible, pixels);
+      draw_tiles<true, false>(l, visible, s);
   } else if (l.depth.far) {
-    draw_tiles<false, true>(l, visible, pixels);
+    draw_tiles<false, true>(l, visible, s);
   } else {
-    draw_tiles<false, false>(l, visible, pixels);
+    draw_tiles<false, false>(l, visible, s);
   }
 }
 
@@ -99,6 +115,7 @@ uint64_t draw_block(Scratch* s, int count, float bin_far, uint64_t bounded) {
   for (int i = 0; i < count; ++i) {
     Large& l = s->block[i];
     // Records that were added to the block after this one may have brought bin_far nearer.
+    if (kCounts && l.nearest > bin_far) s->counts.add(Counter::bins_hidden, 1);
     l.touched = l.nearest > bin_far ? 0 : l.touched;
     if (!l.touched || l.depth.far) continue;
     bounded |= l.full;
@@ -119,7 +136,8 @@ uint64_t draw_block(Scratch* s, int count, float bin_far, uint64_t bounded) {
       visible &= ~((uint64_t)greater_mask(z, load<f32x8>(s->tile_far + 8 * row)) << (8 * row));
       rest &= ~(0xffull << (8 * row));
     }
-    if (visible) draw_large(l, visible, s->pixels);
+    s->counts.add(Counter::tiles_hidden, __builtin_popcountll(l.touched & ~visible));
+    if (visible) draw_large(l, visible, s);
   }
   return bounded;
 }
@@ -138,7 +156,7 @@ BIGTRI_INLINE bool is_hidden(const Record& r, int bin_x, int bin_y, const float*
 // The direct path: a small record within the bin, row by row of its bbox, eight pixels at a time. f fits int32 up to 8
 // px outside the bbox, because a small record is at most kDirectExtent wide and high (core/record.h).
 template <bool kThin, bool kFar>
-BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, int bin_y, int64_t* pixels) {
+BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, int bin_y, Scratch* s) {
   const int left = bin_x * kBin, top = bin_y * kBin;
   const int x0 = max_of(r.x0 - left, 0), y0 = max_of(r.y0 - top, 0), x1 = min_of(r.x1 - left, kBin),
             y1 = min_of(r.y1 - top, kBin);
@@ -151,13 +169,15 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
     sy[k] = e.dx;
     row[k] = (int32_t)edge_steps(e, left + x0, top + y0) + lane * sx[k];
   }
+  s->counts.add(Counter::edges_64, 3);
   // A column of eight pixels' width. No branch on the coverage: it would be mispredicted more often than it saves work.
   const auto draw_column = [&](int x) __attribute__((always_inline)) {
     i32x8 f[3] = {row[0], row[1], row[2]};
     const i32x8 past = (x1 - x - 1) - lane;  // negative past the bbox
     for (int y = y0; y < y1; ++y) {
       const uint32_t bits = sign_mask(f[0] | f[1] | f[2] | past) ^ 0xff;
-      keep_nearest(pixels + y * kBin + x, packed_of<kFar>(d, row_depth<kThin>(d, x, y)), bits);
+      s->counts.add(Counter::edges_32, 3 * 8);
+      offer(s, y * kBin + x, packed_of<kFar>(d, row_depth<kThin>(d, x, y)), bits);
       for (int k = 0; k < 3; ++k) f[k] = f[k] + sy[k];
     }
   };
@@ -168,18 +188,18 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
   }
 }
 
-BIGTRI_INLINE void draw_small_record(const Record& r, int bin_x, int bin_y, int64_t* pixels) {
+BIGTRI_INLINE void draw_small_record(const Record& r, int bin_x, int bin_y, Scratch* s) {
   CellDepth d;
   cell_depth(r, bin_x, bin_y, &d);
   if (d.thin) {
     if (d.far)
-      draw_small<true, true>(r, d, bin_x, bin_y, pixels);
+      draw_small<true, true>(r, d, bin_x, bin_y, s);
     else
-      draw_small<true, false>(r, d, bin_x, bin_y, pixels);
+      draw_small<true, false>(r, d, bin_x, bin_y, s);
   } else if (d.far) {
-    draw_small<false, true>(r, d, bin_x, bin_y, pixels);
+    draw_small<false, true>(r, d, bin_x, bin_y, s);
   } else {
-    draw_small<false, false>(r, d, bin_x, bin_y, pixels);
+    draw_small<false, false>(r, d, bin_x, bin_y, s);
   }
 }
 
@@ -215,19 +235,32 @@ void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, 
       continue;
     }
     const Record& r = job.records[*e >> kEntryShift];
-    if (r.zmin > bin_far) continue;
+    if (r.zmin > bin_far) {
+      s->counts.add(Counter::bins_hidden, 1);
+      continue;
+    }
     Large& l = s->block[count];
     cell_depth(r, bin_x, bin_y, &l.depth);
     l.nearest = nearest_depth(l.depth, 0, 0, kBin);
-    if (l.nearest > bin_far) continue;
+    if (l.nearest > bin_far) {
+      s->counts.add(Counter::bins_hidden, 1);
+      continue;
+    }
     const bool full = *e & kEntryFull;
     if (full && !l.depth.far) bin_far = min_of(bin_far, farthest_depth(l.depth, 0, 0, kBin));
     for (int k = 0; k < 3; ++k)
       l.edge[k] = full ? NarrowEdge{0, 0, 0} : narrow(bin_edge(edge_of(r.x, r.y, k), bin_x, bin_y));
     const TileMasks m = full ? TileMasks{~0ull, ~0ull} : tile_masks(l.edge);
-    l.touched =
-        m.touched & bbox_tiles(r.x0 - bin_x * kBin, r.y0 - bin_y * kBin, r.x1 - bin_x * kBin, r.y1 - bin_y * kBin);
+    const uint64_t box = bbox_tiles(r.x0 - bin_x * kBin, r.y0 - bin_y * kBin, r.x1 - bin_x * kBin, r.y1 - bin_y * kBin);
+    l.touched = m.touched & box;
     l.full = m.full & l.touched;
+    if (kCounts && !full) {
+      s->counts.add(Counter::edges_64, 6);
+      s->counts.add(Counter::edges_32, 6 * kTile * kTile);
+      s->counts.add(Counter::tiles_tested, __builtin_popcountll(box));
+      s->counts.add(Counter::tiles_rejected, __builtin_popcountll(box & ~l.touched));
+      s->counts.add(Counter::tiles_accepted, __builtin_popcountll(l.full));
+    }
     if (++count == kBlock) {
       bounded = draw_block(s, count, bin_far, bounded);
       count = 0;
@@ -238,9 +271,12 @@ void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, 
   for (const uint32_t* e = list; e < end; ++e) {
     const Record& r = job.records[*e >> kEntryShift];
     fetch_later(job, e, end, kEntrySmall);
-    if (!(*e & kEntrySmall) || r.zmin > bin_far) continue;
-    if (bounded && is_hidden(r, bin_x, bin_y, s->tile_far)) continue;
-    draw_small_record(r, bin_x, bin_y, s->pixels);
+    if (!(*e & kEntrySmall)) continue;
+    if (r.zmin > bin_far || (bounded && is_hidden(r, bin_x, bin_y, s->tile_far))) {
+      s->counts.add(Counter::bins_hidden, 1);
+      continue;
+    }
+    draw_small_record(r, bin_x, bin_y, s);
   }
 }
 
@@ -268,9 +304,12 @@ void raster_bins(const RasterJob& job, int64_t bin, int bins, void* memory, void
   }
   for (int i = 0; i < kBin * kBin; i += 8) store(s->pixels + i, splat<i64x8>(kBackground));
   if (begun) load_bin(job, patch, s->pixels);
+  s->counts = {};
   draw_list(job, list, end, bin_x, bin_y, s);
   apply_scissor(job.view, patch, s->pixels);
   store_bin(job, patch, s->pixels);
+  s->counts.add(Counter::written, patch.width * patch.height);
+  s->counts.publish_task(job.counters);
   if (shades)
     job.shade->kernels->block(*job.shade, {view, s->pixels, kBin, patch.x, patch.y, patch.width, patch.height},
                               shade_memory);

@@ -9,7 +9,7 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // Small records enter every candidate. Large records enter the candidates that no edge rejects.
-int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts) {
+int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts, Counts* work) {
   const int bins_x = job.bins_x;
   int64_t n = 0, view = 0;
   for (int64_t i = begin; i < end; ++i) {
@@ -19,6 +19,7 @@ int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pair
     const Record& r = job.records[i];
     const int c0 = r.x0 / kBin, c1 = (r.x1 - 1) / kBin, r0 = r.y0 / kBin, r1 = (r.y1 - 1) / kBin;
     if (!(r.flags & kRecordLarge)) {
+      work->add(Counter::by_rows, 1);
       for (int y = r0; y <= r1; ++y)
         for (int x = c0; x <= c1; ++x) {
           const uint32_t bin = first + (uint32_t)(y * bins_x + x);
@@ -27,6 +28,10 @@ int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pair
         }
       continue;
     }
+    work->add(Counter::by_tiles, 1);
+    work->add(Counter::bins_tested, job.candidates[i]);
+    work->add(Counter::bins_rejected, job.candidates[i]);  // less those that are kept
+    work->add(Counter::edges_64, 3 * (int64_t)job.candidates[i]);
     // Each edge's highest and lowest value over a bin is linear in the bin's column, so both are stepped along the row.
     BinEdge corner[3];
     for (int k = 0; k < 3; ++k) corner[k] = bin_edge(edge_of(r.x, r.y, k), c0, r0);
@@ -45,6 +50,9 @@ int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pair
                          full = (low[0] | low[1] | low[2]) >= 0 ? kEntryFull : 0;
           pairs[n++] = {bin, (uint32_t)i << kEntryShift | full};
           ++counts[bin];
+          work->add(Counter::bins_rejected, -1);
+          work->add(Counter::bins_accepted, full != 0);
+          work->add(Counter::edges_64, 3);
         }
         for (int k = 0; k < 3; ++k) {
           high[k] += step[k];

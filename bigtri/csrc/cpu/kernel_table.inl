@@ -16,12 +16,6 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // A kernel is compiled only if a table names it. Null is what a rung does without, and what another one's code does for it.
-// A build that counts draws, and nothing else.
-#if defined(BIGTRI_COUNTING)
-constexpr bool kCounts = true;
-#else
-constexpr bool kCounts = false;
-#endif
 
 constexpr BinOwnedKernels bin_owned_kernels() {
   if constexpr (Rung::kBinOwned)

@@ -20,7 +20,7 @@ constexpr Parameter kParameters[] = {{"share", "triangles", "triangles that a ta
                                      {}};
 
 // Draws the pixels [x0 + lower, x0 + upper) of row y. The plane is anchored anew in each 64x64 px cell.
-void draw_row(const Record& r, int y, int64_t lower, int64_t upper, const Frame& view) {
+void draw_row(const Record& r, int y, int64_t lower, int64_t upper, const Frame& view, Counts* counts) {
   CellPlane plane = {0, r.dzdx, r.dzdy};
   int cell = -1;
   for (int x = r.x0 + (int)lower; x < r.x0 + (int)upper; ++x) {
@@ -33,7 +33,7 @@ void draw_row(const Record& r, int y, int64_t lower, int64_t upper, const Frame&
       z = plane_row<DepthNumber>(plane.zcell, plane.dzdy, y % kBin) + plane_column<DepthNumber>(plane.dzdx, x % kBin);
     }
     keep_nearest_atomically(view.packed + (int64_t)y * view.view.width + x,
-                            pack_fragment(finish_depth(z, r.zmin, r.zmax), r.triangle));
+                            pack_fragment(finish_depth(z, r.zmin, r.zmax), r.triangle), counts);
   }
 }
 
@@ -44,10 +44,12 @@ void draw_record(const Record& r, const Frame& view, Counts* counts) {
       const Edge e = edge_of(r.x, r.y, k);
       cut_span(edge_steps(e, r.x0, y), -e.dy, &lower, &upper);
     }
-    draw_row(r, y, lower, upper, view);
+    draw_row(r, y, lower, upper, view, counts);
     counts->add(Counter::fragments, std::max<int64_t>(upper - lower, 0));
   }
   counts->add(Counter::records, 1);
+  counts->add(Counter::by_rows, 1);
+  counts->add(Counter::edges_64, 3 * (r.y1 - r.y0));
   counts->add(Counter::rows, r.y1 - r.y0);
 }
 
@@ -72,7 +74,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
       }
     }
     __atomic_fetch_add(view.dropped, dropped, __ATOMIC_RELAXED);
-    counts.publish(frame.counters);
+    counts.publish_task(frame.counters);
   });
   if (frame.depth)
     parallel(rows, [&](int64_t y) {
@@ -83,7 +85,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 }  // namespace
 
 extern const Variant scanline_variant;
-const Variant scanline_variant = {"scanline", "a triangle at a time, row by row, with atomics: Sui's first pipeline",
+const Variant scanline_variant = {"scanline", "a triangle a thread, row by row, with atomics: Sui's first pipeline",
                                   kParameters, draw, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE

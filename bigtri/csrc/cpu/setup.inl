@@ -181,6 +181,9 @@ int64_t setup(const SetupJob& job, int64_t begin, int64_t end, Record* records, 
       n += set_up_eight(whole, waiting, job.view, records + n, candidates + n);
       waiting = 0;
     } else if (fate == Fate::kClip) {
+      // Those that wait come first: records stand in the order of their triangles, whatever the chunks are.
+      if (waiting) n += set_up_eight(whole, waiting, job.view, records + n, candidates + n);
+      waiting = 0;
       n += set_up_clipped(job, t, (flags[0] | flags[1] | flags[2]) & kOutsideMask, records + n, candidates + n);
     } else if (fate == Fate::kDropped) {
       ++lost;

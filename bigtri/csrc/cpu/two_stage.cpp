@@ -62,8 +62,13 @@ void set_up_share(const Frame& view, int64_t view_index, int64_t begin, int64_t 
   }
   __atomic_fetch_add(view.dropped, dropped, __ATOMIC_RELAXED);
   counts->add(Counter::records, (int64_t)share->records.size());
+  counts->add(Counter::by_tiles, (int64_t)share->records.size());
   counts->add(Counter::candidates, candidates);
+  counts->add(Counter::bins_tested, candidates);
+  counts->add(Counter::bins_rejected, candidates - (int64_t)share->pairs.size());
+  counts->add(Counter::edges_64, 3 * candidates);
   counts->add(Counter::entries, (int64_t)share->pairs.size());
+  counts->add(Counter::bytes, (int64_t)(share->records.size() * sizeof(Record) + share->pairs.size() * sizeof(Pair)));
 }
 
 void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
@@ -90,11 +95,13 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
         blocks.push_back({&share, begin, std::min(begin + together, share.pairs.size())});
     parallel((int64_t)blocks.size(), [&](int64_t i) {
       const Block& block = blocks[(size_t)i];
+      Counts counts;
       for (size_t p = block.begin; p < block.end; ++p) {
         const Pair& pair = block.share->pairs[p];
         const Record& r = block.share->records[(size_t)pair.record];
-        kernels.draw_bin(r, pair.bin_x, pair.bin_y, pixels_of(frame, r.view), frame.view.width);
+        kernels.draw_bin(r, pair.bin_x, pair.bin_y, pixels_of(frame, r.view), frame.view.width, &counts);
       }
+      counts.publish_task(frame.counters);
     });
   }
   if (frame.depth)
@@ -107,8 +114,9 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 
 extern const Variant two_stage_variant;
 const Variant two_stage_variant = {
-    "two_stage", "set-up into one list of (record, bin) pairs, then tiles with atomics: another project's", kParameters,
-    draw, /*shades=*/false};
+    "two_stage",
+    "one queue of (record, bin) pairs, first come first served: Kenzel et al. 2018, Liopas's first pipeline",
+    kParameters, draw, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

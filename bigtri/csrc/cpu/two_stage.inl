@@ -45,7 +45,7 @@ BIGTRI_INLINE void test_fused(const void*, const Bin&, int, int, bool, int32_t[k
 
 template <bool kThin>
 BIGTRI_INLINE void draw_tile(const Record& r, const DepthInCell& depth, const EdgesInBin& edges, int i, int j,
-                             bool full, int64_t* pixels, int width) {
+                             bool full, int64_t* pixels, int width, Counts* counts) {
   int32_t covered[kTilePixels];
   if constexpr (kFusedInVectors)
     test_fused(edges.edge, edges.bin, i, j, full, covered);
@@ -59,35 +59,46 @@ BIGTRI_INLINE void draw_tile(const Record& r, const DepthInCell& depth, const Ed
     const int x = p % kTile, y = p / kTile;
     covered[p] &= (x >= left) & (x < right) & (y >= top) & (y < bottom);
     some |= covered[p];
+    counts->add(Counter::fragments, covered[p]);
   }
+  counts->add(Counter::edges_32, 3 * kTilePixels);
+  counts->add(Counter::tiles_empty, !some);
   if (!some) return;
   float z[kTilePixels];
   for (int p = 0; p < kTilePixels; ++p) z[p] = pixel_depth<kThin>(depth, i + p % kTile, j + p / kTile);
   for (int p = 0; p < kTilePixels; ++p)
     if (covered[p])
-      keep_nearest_atomically(pixels + (int64_t)(p / kTile) * width + p % kTile, pack_fragment(z[p], r.triangle));
+      keep_nearest_atomically(pixels + (int64_t)(p / kTile) * width + p % kTile, pack_fragment(z[p], r.triangle),
+                              counts);
 }
 
 template <bool kThin>
 BIGTRI_INLINE void draw_touched(const Record& r, const EdgesInBin& edges, int bin_x, int bin_y, int64_t* pixels,
-                                int width) {
+                                int width, Counts* counts) {
   const DepthInCell depth = depth_in_cell(r, bin_x, bin_y);
   for (uint64_t tiles = allowed_tiles(r, edges.bin); tiles; tiles &= tiles - 1) {
     const int tile = __builtin_ctzll(tiles), column = tile % 8, row = tile / 8;
-    if (!touches_tile(edges, column, row)) continue;
+    const bool touched = touches_tile(edges, column, row);
+    counts->add(Counter::tiles_tested, 1);
+    counts->add(Counter::tiles_rejected, !touched);
+    counts->add(Counter::edges_32, touched ? 6 : 3);
+    if (!touched) continue;
+    const bool full = fills_tile(edges, column, row);
+    counts->add(Counter::tiles_accepted, full);
     const int i = column * kTile, j = row * kTile;
     int64_t* first = pixels + (int64_t)(edges.bin.top + j) * width + edges.bin.left + i;
-    draw_tile<kThin>(r, depth, edges, i, j, fills_tile(edges, column, row), first, width);
+    draw_tile<kThin>(r, depth, edges, i, j, full, first, width, counts);
   }
 }
 
-void draw_bin(const Record& r, int bin_x, int bin_y, int64_t* pixels, int width) {
+void draw_bin(const Record& r, int bin_x, int bin_y, int64_t* pixels, int width, Counts* counts) {
   EdgesInBin edges;
+  counts->add(Counter::edges_64, 6);
   if (!edges_in_bin(r, bin_x, bin_y, &edges)) return;
   if (is_thin(r))
-    draw_touched<true>(r, edges, bin_x, bin_y, pixels, width);
+    draw_touched<true>(r, edges, bin_x, bin_y, pixels, width, counts);
   else
-    draw_touched<false>(r, edges, bin_x, bin_y, pixels, width);
+    draw_touched<false>(r, edges, bin_x, bin_y, pixels, width, counts);
 }
 
 }  // namespace

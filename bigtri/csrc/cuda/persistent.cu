@@ -1,6 +1,6 @@
 // The persistent-kernel variant: one kernel whose blocks stay. All set up triangles and put them into a queue for each
 // bin; then blocks own bins, first come, first served, draw a bin's queue into a copy of the bin in shared memory, a
-// warp owning a row of its tiles, and write each pixel once. Between the two all blocks wait for each other. More
+// warp taking a row of tiles of an entry at a time, and write each pixel once. Between the two all blocks wait for each other. More
 // triangles than there is room for records take several passes, each going on from the frame that the last one left.
 
 #include "depth_image.h"
@@ -20,7 +20,7 @@ constexpr int kThreads = 256, kWarps = kThreads / kWarp;
 constexpr int kPassTriangles = 1 << 18,
               kPassParts = 1 << 16;  // records of a pass: of whole triangles, and of the parts of clipped ones
 constexpr int kQueueBytes = 32 << 20;  // for all bins together
-static_assert(kWarps == kBin / kTile, "a warp for every row of tiles");
+constexpr int kRows = kBin / kTile;  // of tiles in a bin
 
 struct Counters {
   uint32_t arrived;  // at the barriers, in all
@@ -108,17 +108,23 @@ union WarpOwn {
   __device__ WarpOwn() {}
 };
 
+// What a block of entries is drawn from: each is split into the rows of tiles that it may touch, so that a large one does
+// not keep one warp busy, and many small ones in one row, as neighbours in a mesh are, keep all of them busy.
+struct Together {
+  Entry entries[kThreads];
+  uint16_t rows[kThreads * kRows];  // entry * kRows + row
+};
+
 struct Shared {
   int64_t pixels[kBin * kBin];
   union {
-    Entry entries[kThreads / 4];
+    Together together;
     WarpOwn warp[kWarps];
   };
   uint32_t far;
-  int count, bin;
+  int count, row_count, bin;
   __device__ Shared() {}
 };
-constexpr int kTogether = kThreads / 4;  // entries
 
 __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int count, Shared* s) {
   const int warp = threadIdx.x / kWarp;
@@ -157,7 +163,12 @@ __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int coun
   }
 }
 
-// A warp's row of tiles of one entry, into shared memory.
+// In shared memory, where warps may draw on the same pixel.
+__device__ __forceinline__ void keep_nearest_shared(int64_t* pixel, int64_t packed) {
+  if (reread(*pixel) > packed) atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed);
+}
+
+// A row of tiles of one entry, into shared memory. By all lanes of a warp.
 __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records, const Entry& e, int bin_x, int bin_y,
                                            int row, int64_t* pixels) {
   bool any = true, all = true;
@@ -180,8 +191,7 @@ __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records
       const float z = e.thin()
                           ? thin_depth(records + e.slot(), px, py)
                           : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
-      int64_t& pixel = pixels[y * kBin + i];
-      pixel = min_of(pixel, pack_fragment(z, e.triangle));
+      keep_nearest_shared(&pixels[y * kBin + i], pack_fragment(z, e.triangle));
     }
   }
 }
@@ -197,12 +207,13 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
   const uint32_t waiting = j.bin_count[bin];
   const bool listed = waiting <= (uint32_t)j.room;
   const int n = listed ? (int)waiting : j.pass + parts;
-  for (int base = 0; base < n; base += kTogether) {
+  Together* const t = &s->together;
+  for (int base = 0; base < n; base += kThreads) {
     __syncthreads();
-    if (threadIdx.x == 0) s->count = 0;
+    if (threadIdx.x == 0) s->count = s->row_count = 0;
     __syncthreads();
     const int i = base + (int)threadIdx.x;
-    if (threadIdx.x < kTogether && i < n) {
+    if (i < n) {
       const int slot = listed ? (int)j.queues[(int64_t)bin * j.room + i] : i;
       const bool valid = listed || ((i < count || i >= j.pass) && j.valid[i]);
       if (valid) {
@@ -211,15 +222,24 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
                                        (r.y1 - 1) / kBin >= bin_y);
         if (inside) {
           const Meeting meeting = meet(r, (uint32_t)slot, bin_x, bin_y, 0, 0, kBin, kBin);
-          if (meeting.meets()) meeting.make_entry(r, &s->entries[atomicAdd(&s->count, 1)]);
+          if (meeting.meets()) {
+            const int entry = atomicAdd(&s->count, 1);
+            meeting.make_entry(r, &t->entries[entry]);
+            const int first = max_of(r.y0 - bin_y * kBin, 0) / kTile,
+                      end = (min_of(r.y1 - bin_y * kBin, kBin) - 1) / kTile + 1;
+            const int at = atomicAdd(&s->row_count, end - first);
+            for (int row = first; row < end; ++row) t->rows[at + row - first] = (uint16_t)(entry * kRows + row);
+          }
           if (meeting.farthest < kInfinity) atomicMin(&s->far, float_bits(meeting.farthest));
         }
       }
     }
     __syncthreads();
     const float far = bits_float(s->far);  // behind what covers all of the bin nothing can be seen
-    for (int k = 0; k < s->count; ++k)
-      if (s->entries[k].nearest <= far) draw_tiles(f, j.records, s->entries[k], bin_x, bin_y, warp, s->pixels);
+    for (int k = warp; k < s->row_count; k += kWarps) {
+      const Entry& e = t->entries[t->rows[k] / kRows];
+      if (e.nearest <= far) draw_tiles(f, j.records, e, bin_x, bin_y, t->rows[k] % kRows, s->pixels);
+    }
   }
   __syncthreads();
   for (int i = threadIdx.x; i < kBin * kBin; i += kThreads) {

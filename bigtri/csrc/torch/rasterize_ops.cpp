@@ -15,12 +15,13 @@ std::string variants_op(std::string precision) {
 
 std::string rungs_op() { return rung_names(kCpuRungs); }
 
+// One line for each counter, its fields separated by tabs; bigtri/native.py parses them.
 std::string counters_op() {
-  std::string names;
-#define BIGTRI_COUNTER(NAME, ABOUT) names += (names.empty() ? "" : ",") + std::string(#NAME);
+  std::string lines;
+#define BIGTRI_COUNTER(NAME, DEPENDS, ABOUT) lines += #NAME "\t" #DEPENDS "\t" ABOUT "\n";
   BIGTRI_COUNTERS(BIGTRI_COUNTER)
 #undef BIGTRI_COUNTER
-  return names;
+  return lines;
 }
 
 void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,

@@ -1,16 +1,23 @@
 """How much work each variant does, from what the stages say: the oracle of the counters of csrc/core/counters.h."""
 
-from collections.abc import Callable
 from importlib import import_module
 from pkgutil import iter_modules
+from typing import Protocol
 
-from ...precision import Arithmetic
-from ..records import Records
+from ..work import Job
 
-# By the variant's name, which is its module's: a function of (records, arithmetic) that returns what it counts, by the
-# counter's name.
-COUNTS: dict[str, Callable[[Records, Arithmetic], dict[str, int]]] = {
-    module.name: import_module(f"{__name__}.{module.name}").count for module in iter_modules(__path__)
-}
 
-__all__ = ["COUNTS"]
+class Model(Protocol):
+    """What a module of this package has; its name is the variant's."""
+
+    STANDARD: dict[str, int]  # what its parameters are by default
+    # Whether it spares work that depth shows to be of no use, in an order that threads decide.
+    REJECTS_BY_DEPTH: bool
+
+    def count(self, job: Job) -> dict[str, int]:
+        """What the variant counts in one view, by the counter's name, drawn by one thread."""
+
+
+MODELS: dict[str, Model] = {module.name: import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)}
+
+__all__ = ["MODELS", "Model"]

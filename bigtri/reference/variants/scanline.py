@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...precision import Arithmetic
-from ..records import Records
 from ..scanline import scanline
+from ..work import NO_QUEUE, Job, load, passing, sums_by
+
+STANDARD = {"share": 256}  # of the variant's parameters
+REJECTS_BY_DEPTH = False
 
 
-def count(records: Records, arithmetic: Arithmetic) -> dict[str, int]:
-    """Records, rows of their bounding boxes, and the pixels that they cover."""
-    nothing = np.zeros((0, 3), np.int32), np.zeros(0, np.int64)
-    spans = scanline(records, *nothing, np.arange(len(records.xy), dtype=np.int32), arithmetic)
+def count(job: Job) -> dict[str, int]:
+    """Records, rows of their bounding boxes, and the pixels that they cover, each with an atomic minimum if it is nearer."""
+    records = job.records
+    spans = scanline(records, *NO_QUEUE, np.arange(len(records.xy), dtype=np.int32), job.arithmetic)
+    rows = (records.bbox[:, 3] - records.bbox[:, 1]).astype(np.int64)
+    fragments = np.zeros(len(rows), np.int64)
+    np.add.at(fragments, spans[:, 0], spans[:, 3] - spans[:, 2])
+    passed = passing(job)
     return {
-        "records": len(records.xy),
-        "rows": int((records.bbox[:, 3] - records.bbox[:, 1]).sum(dtype=np.int64)),
-        "fragments": int((spans[:, 3] - spans[:, 2]).sum(dtype=np.int64)),
+        "records": len(rows),
+        "by_rows": len(rows),
+        "edges_64": 3 * int(rows.sum()),
+        "rows": int(rows.sum()),
+        "fragments": int(fragments.sum()),
+        "passed": passed,
+        "written": passed,
+        "atomics": passed,
+        **load(sums_by(records.triangle // job.parameters["share"], 3 * rows + fragments)),
     }

@@ -4,15 +4,43 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...precision import Arithmetic
-from ..binning import bbox_bins, binning
-from ..records import Records
+from ..binning import binning
+from ..numerics import TILE
+from ..work import Job, load, passing, record_bytes, sums_by, tiles_of
+
+STANDARD = {"share": 256, "pairs": 64}  # of the variant's parameters
+REJECTS_BY_DEPTH = False
+_PAIR_BYTES = 8
 
 
-def count(records: Records, arithmetic: Arithmetic) -> dict[str, int]:
-    """Records, the bins that their bounding boxes touch, and those bins that no edge rejects."""
+def count(job: Job) -> dict[str, int]:
+    """Records, the bins that their bounding boxes touch, those bins that no edge rejects, and what their tiles hold."""
+    records = job.records
+    bins = binning(records, -1, job.arithmetic)
+    queue = bins.candidates[bins.kept]
+    tiles = tiles_of(job, queue)
+    passed = passing(job)
+    edges_32 = 3 * (tiles.boxed + tiles.touched) + 3 * TILE * TILE * tiles.touched
+    share = records.triangle[queue[:, 0]] // job.parameters["share"]
+    within = np.arange(len(queue)) - np.searchsorted(share, share)  # the pair's place in its share
+    task = share.astype(np.int64) * (len(queue) + 1) + within // job.parameters["pairs"]
     return {
         "records": len(records.xy),
-        "candidates": int(bbox_bins(records).sum()),
-        "entries": int(np.count_nonzero(binning(records, -1, arithmetic).kept)),
+        "by_tiles": len(records.xy),
+        "candidates": len(bins.kept),
+        "entries": len(queue),
+        "bytes": record_bytes(job.arithmetic) * len(records.xy) + _PAIR_BYTES * len(queue),
+        "bins_tested": len(bins.kept),
+        "bins_rejected": len(bins.kept) - len(queue),
+        "tiles_tested": int(tiles.boxed.sum()),
+        "tiles_rejected": int((tiles.boxed - tiles.touched).sum()),
+        "tiles_accepted": int(tiles.full.sum()),
+        "tiles_empty": int((tiles.touched - tiles.covered).sum()),
+        "edges_64": 3 * len(bins.kept) + 6 * len(queue),
+        "edges_32": int(edges_32.sum()),
+        "fragments": int(tiles.fragments.sum()),
+        "passed": passed,
+        "written": passed,
+        "atomics": passed,
+        **load(sums_by(task, 6 + edges_32 + tiles.fragments)),
     }

@@ -1,0 +1,151 @@
+"""What the models of variants share, which work out how much each does; csrc/core/counters.h lists what they count."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..precision import Arithmetic
+from .depth import depth
+from .numerics import BACKGROUND, BIN, TILE, TILES, ramp
+from .pipeline import FRAGMENTS, ROWS, batches
+from .records import Records
+from .scanline import scanline
+from .tile_mask import tile_mask
+
+NO_QUEUE = np.zeros((0, 3), np.int32), np.zeros(0, np.int64)
+
+
+class Job(NamedTuple):
+    """One view of a drawing, as a model gets it."""
+
+    positions: NDArray[np.float32]  # [V, 4], clip space
+    triangles: NDArray[np.int32]  # [T, 3]
+    records: Records
+    height: int  # px
+    width: int
+    arithmetic: Arithmetic
+    parameters: Mapping[str, int]  # all of the variant's, by name
+
+
+class Pixels:
+    """A visibility buffer that fragments are offered to one after the other."""
+
+    def __init__(self, count: int) -> None:
+        self.packed = np.full(count, BACKGROUND, np.int64)
+
+    def offer(self, pixel: NDArray[np.int64], packed: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """bool [F]: which of the fragments ``packed`` [F] are nearer than what their pixel [F] holds when their turn comes."""
+        passed = np.zeros(len(pixel), np.bool_)
+        order = np.argsort(pixel, kind="stable")
+        starts = np.flatnonzero(np.diff(pixel[order], prepend=-1))
+        turn = ramp(np.diff(starts, append=len(order)))  # of the fragments of a pixel
+        by_turn = order[np.argsort(turn, kind="stable")]
+        for now in np.split(by_turn, np.cumsum(np.bincount(turn))[:-1]):
+            passed[now] = packed[now] < self.packed[pixel[now]]
+            self.packed[pixel[now]] = np.minimum(self.packed[pixel[now]], packed[now])
+        return passed
+
+
+def pack(triangle: NDArray[np.int32], z: NDArray[np.float32]) -> NDArray[np.int64]:
+    """int64 [F]: fragments as they are offered to pixels; docs/numerics.md section 8."""
+    bits = z.view(np.uint32).astype(np.int64)
+    return np.where(z <= 1, (bits << 32) | triangle, BACKGROUND)
+
+
+def passing(job: Job) -> int:
+    """How many fragments are nearer than what their pixel holds, if records are drawn one after the other."""
+    pixels, passed = Pixels(job.height * job.width), 0
+    rows = job.records.bbox[:, 3] - job.records.bbox[:, 1]
+    for records in batches(rows, ROWS):
+        small = np.arange(records.start, records.stop, dtype=np.int32)
+        spans = scanline(job.records, *NO_QUEUE, small, job.arithmetic)
+        for part in batches(spans[:, 3] - spans[:, 2], FRAGMENTS):
+            record, y, lower, upper = spans[part].astype(np.int64).T
+            length = upper - lower
+            pixel = np.repeat(y * job.width + lower, length) + ramp(length)
+            z = depth(job.records, spans[part], job.arithmetic)
+            passed += int(pixels.offer(pixel, pack(np.repeat(job.records.triangle[record], length), z)).sum())
+    return passed
+
+
+class TilesOfEntry(NamedTuple):
+    """What drawing queue entries by tiles of 8x8 px finds; int64 [Q] each."""
+
+    boxed: NDArray[np.int64]  # tiles that the record's bounding box meets
+    touched: NDArray[np.int64]  # of these, rejected by no edge
+    full: NDArray[np.int64]  # of these, with all pixel centres inside of all edges
+    covered: NDArray[np.int64]  # of those touched, with a covered pixel
+    fragments: NDArray[np.int64]  # covered pixels
+
+
+def tiles_of(job: Job, queue: NDArray[np.int32]) -> TilesOfEntry:
+    """The tiles of queue entries (record, bin column, bin row), int32 [Q, 3]."""
+    parts = [TilesOfEntry(*[np.zeros(0, np.int64)] * 5)]
+    parts += [_tiles_of(job, queue[part]) for part in batches(np.full(len(queue), BIN), ROWS)]
+    return TilesOfEntry(*(np.concatenate(field) for field in zip(*parts, strict=True)))
+
+
+def _tiles_of(job: Job, queue: NDArray[np.int32]) -> TilesOfEntry:
+    touched, full = tile_mask(job.records, queue, job.arithmetic)
+    spans = scanline(job.records, queue, touched, np.zeros(0, np.int32), job.arithmetic).astype(np.int64)
+    record, y, lower, upper = spans.T
+    # A span lies in one tile of one entry. Number both by record, row and column, which ascend with the queue.
+    rows, columns = job.height // BIN + 1, job.width // BIN + 1
+    first, column, row = queue.astype(np.int64).T
+    numbers = _number(first, column, row, rows, columns)
+    entry = np.searchsorted(numbers, _number(record, lower // BIN, y // BIN, rows, columns))
+    _, once = np.unique(_number(record, lower // TILE, y // TILE, TILES * rows, TILES * columns), return_index=True)
+    return TilesOfEntry(
+        boxed_tiles(job.records.bbox[queue[:, 0]], queue[:, 1], queue[:, 2]),
+        popcount(touched),
+        popcount(full),
+        np.bincount(entry[once], minlength=len(queue)),
+        np.bincount(entry, weights=(upper - lower).astype(np.float64), minlength=len(queue)).astype(np.int64),
+    )
+
+
+def _number(
+    record: NDArray[np.int64], column: NDArray[np.int64], row: NDArray[np.int64], rows: int, columns: int
+) -> NDArray[np.int64]:
+    return (record * rows + row) * columns + column
+
+
+def boxed_tiles(bbox: NDArray[np.int32], column: NDArray[np.int32], row: NDArray[np.int32]) -> NDArray[np.int64]:
+    """int64 [Q]: how many tiles of a bin each ``bbox`` [Q, 4] meets."""
+    count = np.ones(len(bbox), np.int64)
+    for low, high, place in ((bbox[:, 0], bbox[:, 2], column), (bbox[:, 1], bbox[:, 3], row)):
+        begin, end = np.maximum(low - BIN * place, 0), np.minimum(high - BIN * place, BIN)
+        count *= (end - 1) // TILE - begin // TILE + 1
+    return count
+
+
+def popcount(masks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """int64 [...]: how many bits of each are set."""
+    octets = np.ascontiguousarray(masks).view(np.uint8).reshape(*masks.shape, 8)
+    return np.unpackbits(octets, axis=-1).sum(axis=-1, dtype=np.int64)
+
+
+def record_bytes(arithmetic: Arithmetic) -> int:
+    """The size of csrc/core/record.h's Record: two gradients of depth are float32 or float64."""
+    return 88 if arithmetic.precision.depth == "float32_cell" else 96
+
+
+def load(work: NDArray[np.int64]) -> dict[str, int]:
+    """The counters of the load, of the work of each task that draws."""
+    return {
+        "tasks": int(np.count_nonzero(work)),
+        "work": int(work.sum()),
+        "most_work": int(work.max(initial=0)),
+    }
+
+
+def sums_by(group: NDArray[np.int64], work: NDArray[np.int64]) -> NDArray[np.int64]:
+    """int64 [G]: the sum of ``work`` [N] of each different ``group`` [N]."""
+    _, place = np.unique(group, return_inverse=True)
+    sums = np.zeros(place.max(initial=-1) + 1, np.int64)
+    np.add.at(sums, place.reshape(-1), work)
+    return sums
