@@ -25,7 +25,7 @@ LOST = 2  # times the fastest way: what takes longer is not tried further
 GAIN = 0.97  # of the time before: what a step in a parameter has to come to
 STEP = 4
 FROM = 64  # where the steps begin for a parameter whose standard, 0, means that the variant chooses
-FINALISTS = 8  # beside the standard way
+FINALISTS = 8  # beside the standard way; more where there are more variants
 TURNS = 5  # of each way while parameters are tried
 
 
@@ -93,7 +93,7 @@ class _Search:
             tried[setting] = us
             if us <= LOST * fastest:
                 tried |= self.descent(setting, variants[setting.variant].parameters.values())
-        best = sorted(tried, key=lambda setting: tried[setting] if setting != standard else 0)[: FINALISTS + 1]
+        best = finalists(tried, standard)
         self.say("turns")
         rounds = self.turns(best, self.seconds, 9)
         middle = {setting: float(np.median(us)) for setting, us in rounds.items()}
@@ -170,6 +170,17 @@ class _Search:
             out=self.out,
         )
         return self.out
+
+
+def finalists(tried: Mapping[Setting, float], standard: Setting) -> list[Setting]:
+    """Of what was tried, with its microseconds: the standard way, the best of each variant, and the best of the others."""
+    fastest_first = sorted(tried, key=lambda setting: tried[setting])
+    chosen = [standard]
+    for setting in fastest_first:
+        if setting.variant not in {other.variant for other in chosen[1:]} and setting != standard:
+            chosen.append(setting)
+    rest = [setting for setting in fastest_first if setting not in chosen]
+    return chosen + rest[: max(0, FINALISTS + 1 - len(chosen))]
 
 
 def lines(parameter: native.Parameter, here: int) -> list[list[int]]:
