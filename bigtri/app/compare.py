@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import runpy
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,11 +29,14 @@ def parser(program: str = "bigtri compare") -> argparse.ArgumentParser:
         epilog=f"scenes: those of bigtri bench, and the hard cases of bigtri accuracy\n\nexamples:\n"
         f"  {program} S2 --size 1080p\n"
         f"  {program} --variants bin_owned,two_stage scan.ply --azimuth 120\n"
-        f"  {program} Rcourtyard --device cuda --precision fast",
+        f"  {program} Rcourtyard --device cuda --precision fast\n"
+        f"  {program} S2 --load mine.py --variants mine,bin_owned --size 320x240",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     result.add_argument("scene", metavar="SCENE", help="a model file, or the name of a scene")
     result.add_argument("--variants", default="all", help="names separated by commas, or all (default all)")
+    about = "Python to run first, which registers variants of your own (docs/validate.md)"
+    result.add_argument("--load", type=Path, metavar="FILE", help=about)
     result.add_argument("--size", type=arguments.size, default=(1280, 720), metavar="WxH", help="pixels (default: 1280x720)")
     result.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where to draw (default %(default)s)")
     result.add_argument("--precision", choices=PRECISIONS, metavar="RUNG", default=DEFAULT, help="rung (default %(default)s)")
@@ -61,6 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     import torch  # only now: what is wrong with the command line is said at once
 
     from .. import native
+    from ..check.registered import registered_variants
     from ..study import clock, provenance
     from ..study.compare import Job, compare
 
@@ -72,8 +77,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         command.error(f"--device must be one of {built}, as the extension is built here, got {options.device}")
     if options.precision not in rungs:
         command.error(f"--precision must be one of {', '.join(rungs)}, as the extension is built here, got {options.precision}")
+    if options.load:
+        runpy.run_path(str(options.load))
     try:
-        variants = arguments.chosen("variant", options.variants, list(rungs[options.precision]))
+        own = registered_variants() if options.load else {}
+        variants = arguments.chosen("variant", options.variants, [*rungs[options.precision], *own])
         if options.isa:
             arguments.chosen("instruction set", options.isa, native.isa_levels())
         case = case_of(options.scene, options.size, options)

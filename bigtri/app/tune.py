@@ -14,6 +14,7 @@ from . import arguments, render_options
 
 if TYPE_CHECKING:
     from ..ops.tuned import File, Measured
+    from ..study.accuracy import Case
 
 
 def parser(program: str = "bigtri tune") -> argparse.ArgumentParser:
@@ -109,7 +110,7 @@ def _measure(command: argparse.ArgumentParser, options: argparse.Namespace, path
         job = Job(case.name, positions, triangles, (case.height, case.width), options.precision)
         with clock.setting(options.threads or torch.get_num_threads()):
             found = tune(job, options.seconds, _progress)
-        print(f"\n{table(found)}", flush=True)
+        print(f"\n{table(found)}\n{statistics(case, options.precision)}", flush=True)
         before = file.measured.setdefault(name, [])
         file.measured[name] = [each for each in before if _what(each) != _what(found)] + [found]
         tuned.write(path, file)  # now: what follows may be interrupted
@@ -133,6 +134,24 @@ def table(measured: Measured) -> str:
         name = f"{way.name} (standard)" if number == 0 else way.name
         lines.append(f"{way.us:12.2f} {way.ratio:10.3f}  {name}{mark}")
     return "\n".join(lines)
+
+
+def statistics(case: Case, precision: str) -> str:
+    """What the scene is like, from what the CPU's standard variant counts of one view; empty where nothing is counted."""
+    from .. import native
+    from ..check import counters
+
+    variant = next(iter(native.REGISTRY["cpu"][precision])) if precision in native.REGISTRY["cpu"] else ""
+    try:
+        size = case.height, case.width
+        found = counters.count(case.positions, case.triangles, size, variant=variant, backend="native", precision=precision)
+    except (RuntimeError, ValueError):
+        return ""
+    records, fragments = found.get("records", 0), found.get("fragments", 0)
+    return (
+        f"a view has {records} records, {found.get('by_tiles', 0)} of them large, in {found.get('entries', 0)} bins; it draws "
+        f"{fragments / (case.height * case.width):.2f} fragments a pixel"
+    )
 
 
 def _what(measured: Measured) -> tuple[object, ...]:

@@ -142,6 +142,7 @@ def test_the_command(clock, path, capsys):
     clock["of"] = lambda variant, given: 0.5 if variant == "scanline" and not given else 1.0
     assert cli.main(["tune", "S1", "R4k", "--size", "320x240,640x480", "--seconds", "0"]) == 0
     said = capsys.readouterr().out
+    assert "a view has 8 records, 8 of them large, in " in said
     assert "S1, 8 triangles, 640x480 px, 1 view, exact" in said and "0.500  scanline  <- taken" in said
     assert f"kept in {path}; bigtri.use_tuning() reads it, bigtri tune --forget removes it" in said
     (measured,) = tuned.read(path).measured.values()
