@@ -109,7 +109,8 @@ class Contest:
         wrong = {name: case.wrong_pixels(replay) for name, replay in replays.items()}
         for name in replays | running:
             us = sum(times[name], []) if name in times else [first[name]]
-            self.rows.append(cuda_clock.row_of(case.job, name, len(case.triangles), "graph", us, wrong.get(name), self.where))
+            method = "graph" if case.packed.is_cuda else "wall"
+            self.rows.append(cuda_clock.row_of(case.job, name, len(case.triangles), method, us, wrong.get(name), self.where))
         if found := verdict(case.job, times):
             self.verdicts.append(found)
 

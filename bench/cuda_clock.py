@@ -7,7 +7,8 @@ Four methods by CUDA events, in microseconds for a frame, or for a batch of them
 * `cold`: as `graph`, after a buffer of 256 MB has been zeroed, which leaves nothing else in the L2 cache.
 
 A kernel that only waits runs in front of every measurement, for longer than the host needs to enqueue it: the host's time is
-never in it. It does contain what starting a graph or a kernel costs the GPU.
+never in it. It does contain what starting a graph or a kernel costs the GPU. What is drawn on the CPU has the method
+`wall`: the time of the call.
 
 The host's own time is what `host` says: how long a call takes to come back, by the wall clock, without waiting for the GPU.
 """
