@@ -186,16 +186,15 @@ def sweep(variants: Mapping[str, native.Variant]) -> list[tune.Setting]:
 
 
 def write(path: Path, rows: Sequence[Row]) -> None:
-    names = [name for name in native.COUNTERS if any(name in row.counters for row in rows)]
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         timing = [f"ms_{name}" if name != "repeats" else name for name in clock.Timing._fields]
-        writer.writerow([*Key._fields, "triangles", "variant", "parameters", *timing, "equal", *names, *rows[0].where])
+        writer.writerow([*Key._fields, "triangles", "variant", "parameters", *timing, "equal", *native.COUNTERS, *rows[0].where])
         for row in rows:
             *ms, repeats = row.timing
             times = [*(f"{value:.4f}" for value in ms), repeats, int(row.equal)]
-            counts = [row.counters.get(name, 0) if row.counters else "" for name in names]
+            counts = [row.counters.get(name, "") for name in native.COUNTERS]
             writer.writerow([*row.key, row.triangles, row.variant, row.parameters, *times, *counts, *row.where.values()])
 
 
@@ -417,7 +416,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=option_types.seconds, default=0.15, help="each variant, each case (default 0.15)")
     parser.add_argument("--no-counters", action="store_true", help="times alone")
     parser.add_argument("--csv", type=option_types.csv_file, metavar="FILE", help="write the rows there")
-    parser.add_argument("--rows", type=Path, metavar="FILE", help="take the rows from there and measure nothing")
+    parser.add_argument("--rows", type=Path, nargs="+", metavar="FILE", help="take the rows from there and measure nothing")
     parser.add_argument("--predict", metavar="SCENE", help="with --rows: say from the counters which variant wins, then measure")
     parser.add_argument("--docs", type=Path, metavar="PAGE", help="put the tables there, between their markers")
     options = parser.parse_args(argv)
@@ -440,7 +439,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         "command": provenance.command(),
     }
     if options.rows:
-        rows = read(options.rows)
+        rows = [row for path in options.rows for row in read(path)]
+        if options.csv:
+            write(options.csv, rows)
         for scene in predicted:
             for width, height in options.size:
                 predict(rows, Key(scene, width, height), options.seconds, where)

@@ -125,6 +125,8 @@ def test_the_whole(tmp_path, monkeypatch, capsys):
 
 def test_a_picture_that_differs_is_reported(tmp_path, capsys):
     rows = [row("S1", "a", 5, {"entries": 3}), row("S1", "b", 7, {"entries": 3})._replace(equal=False)]
-    variants.write(tmp_path / "rows.csv", rows)
-    assert variants.main(["--rows", str(tmp_path / "rows.csv")]) == 1
+    for number, one in enumerate(rows):
+        variants.write(tmp_path / f"{number}.csv", [one])
+    assert variants.main(["--rows", str(tmp_path / "0.csv"), str(tmp_path / "1.csv"), "--csv", str(tmp_path / "both.csv")]) == 1
+    assert variants.read(tmp_path / "both.csv") == rows
     assert "NOT EQUAL: Key(scene='S1', width=64, height=32) b" in capsys.readouterr().out
