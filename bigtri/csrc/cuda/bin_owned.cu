@@ -22,8 +22,8 @@ constexpr int64_t kWarpsAllowed[] = {0, 4, 8, kMostWarps, -1};
 #define BIGTRI_LIST(X)                                                                                              \
   X(few, "triangles",                                                                                               \
     "up to so many, and 16 for each warp of a block, every block sets up all of them by itself; up to 256 only in " \
-    "an image that has many pixels for each",                                                                                 \
-    kFewTriangles, 0, kMostKept)                                                                                             \
+    "an image that has many pixels for each",                                                                       \
+    kFewTriangles, 0, kMostKept)                                                                                    \
   X(warps, "warps",                                                                                                 \
     "of a block that owns a patch of 64 px by 4 px a warp; 0: 16 for 129 and more that are few, else 8", 0, 0,      \
     kMostWarps, kWarpsAllowed)                                                                                      \
