@@ -42,13 +42,13 @@ def test_errors_of_an_earlier_run(tmp_path: Path, capsys: pytest.CaptureFixture[
     first, second = tmp_path / "first.csv", tmp_path / "second.csv"
     size = ["--size", "96x64"]
     assert cli.main(["accuracy", *FEW, *size, "--scenes", "R4k", "--csv", str(first)]) == 0
-    assert cli.main(["accuracy", *FEW, *size, "--scenes", "R4k,S1", "--errors", str(first), "--csv", str(second)]) == 0
+    assert cli.main(["accuracy", *FEW, *size, "--scenes", "R4k,R16k", "--errors", str(first), "--csv", str(second)]) == 0
     with first.open(newline="") as one, second.open(newline="") as two:
         wanted, got = list(csv.DictReader(one)), list(csv.DictReader(two))
     for a, b in zip(wanted, got, strict=False):
         assert [a[name] for name in accuracy.ERRORS] == [b[name] for name in accuracy.ERRORS]
     assert any(row["wrong_ppm"] for row in wanted) and not any(row["wrong_ppm"] for row in got[len(wanted) :])
-    assert f"{first} has no errors of {len(wanted)} rows of S1, 96x64 px" in capsys.readouterr().err
+    assert f"{first} has no errors of {len(wanted)} rows of R16k, 96x64 px" in capsys.readouterr().err
     for text in ("a,b\n1,2\n", ""):
         second.write_text(text)
         with pytest.raises(SystemExit):
