@@ -6,7 +6,11 @@
 #include "variant.h"
 
 #define BIGTRI_JOIN_VARIANTS(RUNG) BIGTRI_CUDA_VARIANTS_##RUNG
+#if defined(BIGTRI_COUNTING)
+#define BIGTRI_VARIANTS_OF(RUNG) BIGTRI_CUDA_COUNTED
+#else
 #define BIGTRI_VARIANTS_OF(RUNG) BIGTRI_JOIN_VARIANTS(RUNG)
+#endif
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
