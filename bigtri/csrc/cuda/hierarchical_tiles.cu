@@ -143,11 +143,16 @@ __global__ void __launch_bounds__(kThreads, 4)
   for (int n = blockIdx.x * kWarps + this_warp(); n < columns * rows; n += gridDim.x * kWarps) {
     Region region;
     begin_region(f, n % columns * kRegion, n / columns * kRegion, others, &region);
+    const auto tile_at = [&](const Level& level) {
+      return (int64_t)(region.top / level.tile) * level.columns + region.left / level.tile;
+    };
+    // A lane reads the length of the list at its level, so that there is one wait for all of them.
+    const Level& own = p.level[min_of(lane_id(), p.levels - 1)];
+    const int size = (int)min_of(p.sizes[own.first_tile + tile_at(own)], (uint32_t)own.room);
     for (int i = 0; i < p.levels; ++i) {
       const Level& level = p.level[i];
-      const int64_t tile = (int64_t)(region.top / level.tile) * level.columns + region.left / level.tile;
-      const int count = (int)min_of(p.sizes[level.first_tile + tile], (uint32_t)level.room);
-      const uint32_t* const slots = p.slots + level.first_slot + tile * level.room;
+      const int count = __shfl_sync(kAllLanes, size, i);
+      const uint32_t* const slots = p.slots + level.first_slot + tile_at(level) * level.room;
       draw_listed(f, p.records, count, early_z, &region, entries[this_warp()], [&](int k) { return slots[k]; });
     }
     draw_listed(f, p.records, left, early_z, &region, entries[this_warp()], [&](int k) { return p.left[k]; });
