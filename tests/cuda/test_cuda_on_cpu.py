@@ -246,9 +246,10 @@ def squares(records: Records, size: int, by_edges: bool = True) -> NDArray[np.in
 
 def pyramid_entries(records: Records) -> NDArray[np.int64]:
     """Tiles of each record at the level where hierarchical_tiles stores it, by its standard parameters."""
-    tiles = np.stack([squares(records, 16 << level, by_edges=False) for level in range(5)])
-    level = np.where((tiles <= 4).any(axis=0), (tiles <= 4).argmax(axis=0), 4)
-    return tiles[level, np.arange(len(level))]
+    sizes = [16 << level for level in range(11)]
+    met = np.stack([squares(records, size, by_edges=False) for size in sizes])
+    level = (met <= 4).argmax(axis=0)
+    return np.stack([squares(records, size) for size in sizes])[level, np.arange(len(level))]
 
 
 # What each variant queues, of each record.
@@ -257,7 +258,7 @@ ENTRIES: dict[str, Callable[[Records], NDArray[np.int64]]] = {
     "hierarchical_tiles": pyramid_entries,
     "tile_queues": lambda records: squares(records, 128) + squares(records, 8),
     "coverage_masks": lambda records: squares(records, 64) + squares(records, 8),
-    "tile_owned": lambda records: squares(records, 32),
+    "tile_owned": lambda records: squares(records, 16),
 }
 
 
