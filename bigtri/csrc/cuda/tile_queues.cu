@@ -17,7 +17,7 @@ namespace {
 #define BIGTRI_LIST(X)       \
   BIGTRI_BLOCKS_PARAMETER(X) \
   BIGTRI_QUEUE_PARAMETER(X)  \
-  X(room, "records", "that the queue of a bin holds; what comes after, all bins look at", 1024, 1, 1 << 20)
+  BIGTRI_ROOM_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 constexpr int kThreads = 256, kWarps = kThreads / kWarp;
@@ -36,13 +36,14 @@ struct Shared {
 };
 
 // Puts a thread's entry into the queues of the tiles that it touches in its cell. column, row: the cell in the bin.
-__device__ __forceinline__ void queue_tiles(const Record& r, const Entry& e, int left, int top, int column, int row,
-                                            Shared* s) {
+__device__ __forceinline__ void queue_tiles(const Frame& f, const Record& r, const Entry& e, int left, int top,
+                                            int column, int row, Shared* s) {
   for (uint64_t todo = bbox_tiles(r.x0 - left, r.y0 - top, r.x1 - left, r.y1 - top); todo; todo &= todo - 1) {
     const int tile = __ffsll((long long)todo) - 1, x = tile % 8, y = tile / 8;
     bool touched = true;
     for (int k = 0; k < 3; ++k) touched &= tile_edge(e.edge[k], x, y) + tile_highest(e.edge[k]) >= 0;
     if (!touched) continue;
+    count_work(f, Counter::entries, 1);
     const int of_bin = (row * 8 + y) * kRow + column * 8 + x;
     s->queues[of_bin][atomicAdd(&s->sizes[of_bin], 1)] = (uint8_t)threadIdx.x;
   }
@@ -51,28 +52,33 @@ __device__ __forceinline__ void queue_tiles(const Record& r, const Entry& e, int
 // A tile's queue onto the frame, where the block owns it. By all lanes of a warp.
 __device__ __forceinline__ void draw_tile(const Frame& f, const Record* records, const Shared& s, int tile, int left,
                                           int top) {
-  const int x = tile % kRow * kTile, y = tile / kRow * kTile, i = x % kBin + (lane_id() & 7);
-  const int px = left + x + (lane_id() & 7);
+  const int x = tile % kRow * kTile + (lane_id() & 7), y = tile / kRow * kTile + (lane_id() >> 3);  // and 4 px below
+  const int px = left + x, py = top + y, i = x % kBin, j = y % kBin;
+  int64_t* const pixel = f.packed + (int64_t)py * f.view.width + px;
+  const int64_t below = 4 * (int64_t)f.view.width;
+  const bool column = px >= f.view.x0 && px < f.view.x1;
+  const bool allowed[2] = {column && py >= f.view.y0 && py < f.view.y1,
+                           column && py + 4 >= f.view.y0 && py + 4 < f.view.y1};
+  // What is there is compared last, so that nothing waits for it.
+  const int64_t there[2] = {allowed[0] ? pixel[0] : kBackground, allowed[1] ? pixel[below] : kBackground};
+  int64_t best[2] = {kBackground, kBackground};
+  for (int k = 0; k < s.sizes[tile]; ++k) {
+    const Entry& e = s.entries[s.queues[tile][k]];
 #pragma unroll
-  for (int half = 0; half < 2; ++half) {
-    const int j = y % kBin + (lane_id() >> 3) + 4 * half, py = top + y + (lane_id() >> 3) + 4 * half;
-    if (px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) continue;
-    int64_t* const pixel = f.packed + (int64_t)py * f.view.width + px;
-    int64_t best = *pixel;
-    for (int k = 0; k < s.sizes[tile]; ++k) {
-      const Entry& e = s.entries[s.queues[tile][k]];
+    for (int half = 0; half < 2; ++half) {
       int32_t outside = 0;
-      for (int m = 0; m < 3; ++m) outside |= e.edge[m].f + i * e.edge[m].sx + j * e.edge[m].sy;
-      if (outside < 0) continue;
-      const float z =
-          e.thin()
-              ? thin_depth(records + e.slot(), px, py)
-              : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j) + plane_column<double>(e.plane.dzdx, i),
-                             e.zmin, e.zmax);
-      best = min_of(best, pack_fragment(z, e.triangle));
+      for (int m = 0; m < 3; ++m) outside |= e.edge[m].f + i * e.edge[m].sx + (j + 4 * half) * e.edge[m].sy;
+      if (outside < 0 || !allowed[half]) continue;
+      count_work(f, Counter::fragments, 1);
+      const float z = e.thin() ? thin_depth(records + e.slot(), px, py + 4 * half)
+                               : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j + 4 * half) +
+                                                  plane_column<double>(e.plane.dzdx, i),
+                                              e.zmin, e.zmax);
+      best[half] = min_of(best[half], pack_fragment(z, e.triangle));
     }
-    *pixel = best;
   }
+  if (best[0] < there[0]) pixel[0] = best[0];
+  if (best[1] < there[1]) pixel[below] = best[1];
 }
 
 __global__ void __launch_bounds__(kThreads)
@@ -96,7 +102,7 @@ __global__ void __launch_bounds__(kThreads)
         const Meeting m = meet(r, slot, left / kBin + column, top / kBin + row, 0, 0, kBin, kBin);
         if (m.meets()) {
           m.make_entry(r, &s.entries[threadIdx.x]);
-          queue_tiles(r, s.entries[threadIdx.x], left + column * kBin, top + row * kBin, column, row, &s);
+          queue_tiles(f, r, s.entries[threadIdx.x], left + column * kBin, top + row * kBin, column, row, &s);
         }
       }
       __syncthreads();
