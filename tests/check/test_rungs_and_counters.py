@@ -17,7 +17,7 @@ import bigtri
 from bigtri import native
 from bigtri.check import counters, stages
 from bigtri.precision import PRECISIONS, RUNGS
-from bigtri.reference.variants import MODELS
+from bigtri.reference.variants import MODELS, Model
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 CSRC = Path(bigtri.__file__).parent / "csrc"
@@ -167,7 +167,7 @@ def threads(count: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def assert_within_bounds(counts: dict[str, int], serial: dict[str, int], covered: int, rejects_by_depth: bool) -> None:
+def assert_within_bounds(counts: dict[str, int], serial: dict[str, int], covered: int, model: Model) -> None:
     """What holds of a parallel run, whatever the order.
 
     What depends on nothing is what the reference has. So is what a depth test spares, if the variant has none whose order
@@ -176,17 +176,18 @@ def assert_within_bounds(counts: dict[str, int], serial: dict[str, int], covered
     """
     of = {name: counts.get(name, 0) for name in native.COUNTERS}
     for name, counter in native.COUNTERS.items():
-        if counter.depends == "nothing" or (counter.depends in ("spared", "most") and not rejects_by_depth):
+        if counter.depends == "nothing" or (counter.depends in ("spared", "most") and not model.REJECTS_BY_DEPTH):
             assert of[name] == serial.get(name, 0), name
     assert covered <= of["passed"] <= of["fragments"]
     assert covered <= of["written"]
-    if of["atomics"]:
+    if not model.OWNS_PIXELS:
         assert of["written"] <= of["passed"] and of["written"] <= of["atomics"]
     assert of["tasks"] <= of["work"] <= of["most_work"] * of["tasks"]
     assert 1 <= counters.load(counts) <= of["tasks"]
 
 
 # Rungs share the code that counts; exact's draws balanced.
+PATHS = ("by_rows", "by_tiles", "within_16", "within_4")  # every record takes one of them
 COUNTED_CASES = [(rung, name) for rung in COUNTED if rung != "balanced" for name in (FEW if rung == "exact" else FEW[:2])]
 
 
@@ -200,19 +201,26 @@ def test_counters_are_the_reference_s(name: str, variant: str, precision: str) -
     expected = counters.count(*given, **how, backend="reference")
     with threads(1):
         assert counters.count(*given, **how, backend="native") == expected
-    assert expected["records"] == expected.get("by_rows", 0) + expected.get("by_tiles", 0)
+    assert expected["records"] == sum(expected.get(path, 0) for path in PATHS)
     covered = int((bigtri.rasterize(*given, precision=precision).triangle >= 0).sum())
+    model = MODELS[variant]
+    most = {}
+    if model.REJECTS_BY_DEPTH:
+        most = counters.count(*given, **how, backend="reference", parameters={model.REJECTS_BY_DEPTH: 0})
     for count in (2, 5):
         with threads(count):
             counts = counters.count(*given, **how, backend="native")
-        assert_within_bounds(counts, expected, covered, MODELS[variant].REJECTS_BY_DEPTH)
+        assert_within_bounds(counts, expected, covered, model)
+        for counter in (name for name in most if native.COUNTERS[name].depends in ("spared", "most")):
+            assert counts.get(counter, 0) <= most[counter], counter
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_counters_of_other_parameters_are_the_reference_s(variant: str) -> None:
     case = make("layers")
     for p in native.REGISTRY["cpu"]["exact"][variant].parameters.values():
-        how = {"variant": variant, "parameters": {p.name: p.standard // 2 if p.standard > 1 else p.high}}
+        other = p.standard // 2 if p.standard > 1 else p.low if p.low < p.standard else p.high
+        how = {"variant": variant, "parameters": {p.name: other}}
         with threads(1):
             both = [counters.count(*case, **how, backend=b) for b in ("reference", "native")]
         assert both[0] == both[1], p.name

@@ -5,6 +5,7 @@
 #include "attributes.inl"
 #include "bin_owned.inl"
 #include "binning.inl"
+#include "recursive_descent.inl"
 #include "setup.inl"
 #include "shade.inl"
 #include "stages.inl"
@@ -26,6 +27,12 @@ constexpr BinOwnedKernels bin_owned_kernels() {
 constexpr TwoStageKernels two_stage_kernels() {
   if constexpr (Rung::kDraws)
     return {.draw_bin = draw_bin};
+  else
+    return {};
+}
+constexpr RecursiveDescentKernels recursive_descent_kernels() {
+  if constexpr (Rung::kBinOwned)
+    return {.descend = descend};
   else
     return {};
 }
@@ -61,11 +68,12 @@ constexpr ShadeKernels picture_kernels() {
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE
 
-#define BIGTRI_KERNEL_TABLE(NAME)                                                                                 \
-  inline namespace BIGTRI_NAMESPACE {                                                                             \
-  extern const Kernels kernels_##NAME;                                                                            \
-  const Kernels kernels_##NAME = {bin_owned_kernels(), stage_kernels(), attribute_kernels(), two_stage_kernels(), \
-                                  picture_kernels()};                                                             \
+#define BIGTRI_KERNEL_TABLE(NAME)                                                   \
+  inline namespace BIGTRI_NAMESPACE {                                               \
+  extern const Kernels kernels_##NAME;                                              \
+  const Kernels kernels_##NAME = {bin_owned_kernels(),         stage_kernels(),     \
+                                  attribute_kernels(),         two_stage_kernels(), \
+                                  recursive_descent_kernels(), picture_kernels()};  \
   }
 
 }  // namespace bigtri

@@ -11,6 +11,7 @@
 #include "../core/tile_mask.h"
 #include "backend.h"
 #include "bin_owned.h"
+#include "recursive_descent.h"
 #include "two_stage.h"
 
 namespace bigtri {
@@ -36,6 +37,7 @@ struct Kernels {
   StageKernels stages;
   AttributeKernels attributes;
   TwoStageKernels two_stage;
+  RecursiveDescentKernels recursive_descent;
   ShadeKernels shade;
 };
 

@@ -8,7 +8,8 @@ from ..scanline import scanline
 from ..work import NO_QUEUE, Job, load, passing, sums_by
 
 STANDARD = {"share": 256}  # of the variant's parameters
-REJECTS_BY_DEPTH = False
+REJECTS_BY_DEPTH = ""
+OWNS_PIXELS = False
 
 
 def count(job: Job) -> dict[str, int]:
