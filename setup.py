@@ -137,7 +137,11 @@ def cuda_sources() -> list[str]:
     found = [str(f) for f in [*(f for f in files if f not in each), *sorted(CSRC.glob("torch/cuda_*.cpp"))]]
     for rung in RUNGS + with_ladder() * LADDER:
         elsewhere = {name for names in variants.values() for name in names} - {*variants[rung]}
-        found += [per_rung(f, rung) for f in each if f.stem not in elsewhere]
+        if rung in DRAWN_AS_EXACT:
+            own = [f for f in each if f.stem in ("attributes", "shade", "variants")]
+        else:
+            own = [f for f in each if f.stem not in elsewhere]
+        found += [per_rung(f, rung) for f in own]
     return found
 
 

@@ -21,8 +21,8 @@ namespace {
   BIGTRI_ROWS_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
-// Rows rest on what bin_owned rests on: edges in int32 over a bounding box, and planes in float64.
-constexpr bool kHasRows = Rung::kBinOwned && kDepthRule == DepthRule::kFloat64Cell;
+// Rows rest on what bin_owned rests on: edges in int32 over a bounding box, and the planes of core/depth.h.
+constexpr bool kHasRows = Rung::kBinOwned;
 static_assert(!kHasRows || (!kFloatCoverage && !Rung::kWideEdges && !Rung::kWraps),
               "what is drawn by rows has the rung's bits");
 
