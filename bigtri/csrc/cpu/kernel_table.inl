@@ -5,6 +5,7 @@
 #include "attributes.inl"
 #include "bin_owned.inl"
 #include "binning.inl"
+#include "hierarchical_tiles.inl"
 #include "recursive_descent.inl"
 #include "setup.inl"
 #include "shade.inl"
@@ -33,6 +34,12 @@ constexpr TwoStageKernels two_stage_kernels() {
 constexpr RecursiveDescentKernels recursive_descent_kernels() {
   if constexpr (Rung::kBinOwned)
     return {.descend = descend};
+  else
+    return {};
+}
+constexpr HierarchicalTilesKernels hierarchical_tiles_kernels() {
+  if constexpr (Rung::kBinOwned)
+    return {.walk_up = walk_up};
   else
     return {};
 }
@@ -68,12 +75,16 @@ constexpr ShadeKernels picture_kernels() {
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE
 
-#define BIGTRI_KERNEL_TABLE(NAME)                                                   \
-  inline namespace BIGTRI_NAMESPACE {                                               \
-  extern const Kernels kernels_##NAME;                                              \
-  const Kernels kernels_##NAME = {bin_owned_kernels(),         stage_kernels(),     \
-                                  attribute_kernels(),         two_stage_kernels(), \
-                                  recursive_descent_kernels(), picture_kernels()};  \
+#define BIGTRI_KERNEL_TABLE(NAME)                               \
+  inline namespace BIGTRI_NAMESPACE {                           \
+  extern const Kernels kernels_##NAME;                          \
+  const Kernels kernels_##NAME = {bin_owned_kernels(),          \
+                                  stage_kernels(),              \
+                                  attribute_kernels(),          \
+                                  two_stage_kernels(),          \
+                                  recursive_descent_kernels(),  \
+                                  hierarchical_tiles_kernels(), \
+                                  picture_kernels()};           \
   }
 
 }  // namespace bigtri

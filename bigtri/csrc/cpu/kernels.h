@@ -11,6 +11,7 @@
 #include "../core/tile_mask.h"
 #include "backend.h"
 #include "bin_owned.h"
+#include "hierarchical_tiles.h"
 #include "recursive_descent.h"
 #include "two_stage.h"
 
@@ -38,6 +39,7 @@ struct Kernels {
   AttributeKernels attributes;
   TwoStageKernels two_stage;
   RecursiveDescentKernels recursive_descent;
+  HierarchicalTilesKernels hierarchical_tiles;
   ShadeKernels shade;
 };
 

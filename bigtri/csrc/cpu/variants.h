@@ -2,10 +2,11 @@
 // here, which defines <name>_variant. variants.cpp makes a table of them. A list stands on one line: setup.py reads it.
 #pragma once
 
-#define BIGTRI_CPU_VARIANTS_exact(X) X(bin_owned) X(scanline) X(two_stage) X(recursive_descent)
-#define BIGTRI_CPU_VARIANTS_balanced(X) X(bin_owned) X(scanline) X(two_stage) X(recursive_descent)
-#define BIGTRI_CPU_VARIANTS_fast(X) X(bin_owned) X(scanline) X(two_stage) X(recursive_descent)
-#define BIGTRI_CPU_VARIANTS_subpixel4(X) X(bin_owned) X(scanline) X(two_stage) X(recursive_descent)
+#define BIGTRI_CPU_VARIANTS_exact(X) X(bin_owned) X(scanline) X(two_stage) X(recursive_descent) X(hierarchical_tiles)
+#define BIGTRI_CPU_VARIANTS_balanced(X) X(bin_owned) X(scanline) X(two_stage) X(recursive_descent) X(hierarchical_tiles)
+#define BIGTRI_CPU_VARIANTS_fast(X) X(bin_owned) X(scanline) X(two_stage) X(recursive_descent) X(hierarchical_tiles)
+#define BIGTRI_CPU_VARIANTS_subpixel4(X) \
+  X(bin_owned) X(scanline) X(two_stage) X(recursive_descent) X(hierarchical_tiles)
 #define BIGTRI_CPU_VARIANTS_subpixel12(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_subpixel16(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_coverage_int64(X) X(two_stage)
