@@ -9,8 +9,8 @@
 #include <memory>
 #include <vector>
 
-#include "../core/resolve.h"
 #include "kernels.h"
+#include "shares.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -34,8 +34,7 @@ constexpr Parameter kParameters[] = {
     {}};
 enum { kShare, kTileSize, kLevels, kMeets, kRoom, kEarlyZ };
 
-// Bounds on memory: shares whose records are held at once, and room of all lists, 8 bytes each.
-constexpr int64_t kSharesTogether = 1024;
+// Bound on memory: elements that all lists have room for, 8 bytes each. Records are bounded by kSharesTogether.
 constexpr int64_t kMostSlots = 1 << 24;
 
 // One level of the pyramid of a view.
@@ -216,11 +215,13 @@ class Drawing {
     Pyramid pyramid(shape_, first_view, views);
     parallel_(count, [&](int64_t i) {
       Counts counts;
-      set_up(first_view + (first_share + i) / shares_, (first_share + i) % shares_, &records[(size_t)i]);
-      for (const Record& r : records[(size_t)i]) pyramid.store(&r, &full[(size_t)i], &counts);
-      counts.add(Counter::records, (int64_t)records[(size_t)i].size());
-      counts.add(Counter::by_tiles, (int64_t)records[(size_t)i].size());
-      counts.add(Counter::bytes, (int64_t)(records[(size_t)i].size() * sizeof(Record)));
+      std::vector<Record>& own = records[(size_t)i];
+      set_up(frame_, share_of(frame_, share_, first_view * shares_ + first_share + i),
+             [&](const Record& r) { own.push_back(r); });
+      for (const Record& r : own) pyramid.store(&r, &full[(size_t)i], &counts);
+      counts.add(Counter::records, (int64_t)own.size());
+      counts.add(Counter::by_tiles, (int64_t)own.size());
+      counts.add(Counter::bytes, (int64_t)(own.size() * sizeof(Record)));
       counts.publish(frame_.counters);
     });
     pyramid.sort_overflows(full);
@@ -231,24 +232,6 @@ class Drawing {
                &counts);
       counts.publish_task(frame_.counters);
     });
-  }
-
-  void set_up(int64_t view_index, int64_t share, std::vector<Record>* records) const {
-    const Frame view = view_of(frame_, view_index);
-    const Range range = range_of(view, 0);
-    const int64_t begin = range.first + share * share_, end = std::min(begin + share_, range.end);
-    Parent parent;
-    int64_t dropped = 0;
-    for (int64_t t = begin; t < end; ++t) {
-      dropped += expand_triangle(view, t, &parent) == Fate::kDropped;
-      for (int s = 0; s < parent.count; ++s) {
-        Record r;
-        fill_record(parent.primitive[s], t, &r);
-        r.view = (int32_t)view_index;
-        records->push_back(r);
-      }
-    }
-    __atomic_fetch_add(view.dropped, dropped, __ATOMIC_RELAXED);
   }
 
   // The finest tiles of a bin. begun: the image holds what earlier rounds have drawn.

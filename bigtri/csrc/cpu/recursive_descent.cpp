@@ -3,11 +3,10 @@
 // into tiles first is drawn at once here, by the task that has set the triangle up, with an atomic minimum a pixel. The
 // binding calls draw() through the registry.
 
-#include <algorithm>
 #include <vector>
 
-#include "../core/resolve.h"
 #include "kernels.h"
+#include "shares.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -24,44 +23,25 @@ constexpr Parameter kParameters[] = {
 enum { kShare, kEarlyZ, kSeparate };
 
 void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
-  const int64_t rows = (int64_t)frame.views * frame.view.height, width = frame.view.width;
-  parallel(rows, [&](int64_t y) { std::fill_n(frame.packed + y * width, width, kBackground); });
-  std::fill_n(frame.dropped, frame.views, 0);
-  const int64_t share = values[kShare], shares = (frame.count + share - 1) / share;
+  clear_image(frame, parallel);
   const int64_t bins = (int64_t)bin_columns(frame.view) * bin_rows(frame.view), middles = bins * kMiddles * kMiddles;
   std::vector<uint32_t> bin_far((size_t)(frame.views * bins), float_bits(kInfinity)),
       middle_far((size_t)(frame.views * middles), float_bits(kInfinity));
   const RecursiveDescentKernels& kernels = current_kernels().recursive_descent;
-  parallel(frame.views * shares, [&](int64_t task) {
-    const int64_t number = task / shares;
-    const Frame view = view_of(frame, number);
-    const Range range = range_of(view, 0);
-    const int64_t begin = range.first + task % shares * share, end = std::min(begin + share, range.end);
-    const DescentTarget target = {view.packed,
-                                  view.view.width,
-                                  bin_columns(view.view),
-                                  bin_far.data() + number * bins,
-                                  middle_far.data() + number * middles,
+  parallel(shares_of(frame, values[kShare]), [&](int64_t i) {
+    const Share share = share_of(frame, values[kShare], i);
+    const DescentTarget target = {pixels_of(frame, share.view),
+                                  frame.view.width,
+                                  bin_columns(frame.view),
+                                  bin_far.data() + share.view * bins,
+                                  middle_far.data() + share.view * middles,
                                   values[kEarlyZ] != 0,
                                   values[kSeparate] != 0};
     Counts counts;
-    Parent parent;
-    int64_t dropped = 0;
-    for (int64_t t = begin; t < end; ++t) {
-      dropped += expand_triangle(view, t, &parent) == Fate::kDropped;
-      for (int s = 0; s < parent.count; ++s) {
-        Record record;
-        fill_record(parent.primitive[s], t, &record);
-        kernels.descend(record, target, &counts);
-      }
-    }
-    __atomic_fetch_add(view.dropped, dropped, __ATOMIC_RELAXED);
+    set_up(frame, share, [&](const Record& r) { kernels.descend(r, target, &counts); });
     counts.publish_task(frame.counters);
   });
-  if (frame.depth)
-    parallel(rows, [&](int64_t y) {
-      std::transform(frame.packed + y * width, frame.packed + (y + 1) * width, frame.depth + y * width, depth_of);
-    });
+  write_depth_image(frame, parallel);
 }
 
 }  // namespace

@@ -110,7 +110,7 @@ def _stored(job: Job, shape: _Shape) -> tuple[_Elements, dict[str, int]]:
         full[here] = fills(sides, s * column[here], s * row[here], s)
     found = _Elements(record[kept], level[record[kept]], column[kept], row[kept], full[kept])
     order = np.lexsort((found.record, found.level))
-    found = _Elements(*(field[order] for field in found))
+    found = _Elements(found.record[order], found.level[order], found.column[order], found.row[order], found.full[order])
     _, which, lengths = np.unique(
         np.stack([found.level, found.row, found.column]), axis=1, return_index=True, return_counts=True
     )
