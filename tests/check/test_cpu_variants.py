@@ -109,3 +109,52 @@ def test_small_records_take_paths_of_their_own() -> None:
         counts = counters.count(*case, variant="recursive_descent")
         assert counts[path] > counts["records"] / 2
         assert_same_with(case, "recursive_descent")
+
+
+# --- hierarchical_tiles
+
+
+def test_no_triangle_is_lost_where_lists_have_room_for_one() -> None:
+    for name in ("layers", "mesh_of_small", "clipped_fans"):
+        case = make(name)
+        for parameters in ({"room": 1}, {"room": 1, "tile": 8}, {"room": 1, "tile": 64, "levels": 1}, {"room": 1, "meets": 1}):
+            counts = counters.count(*case, variant="hierarchical_tiles", parameters=parameters)
+            assert counts["overflows"] > counts["entries"] / 8, parameters
+            assert_same_with(case, "hierarchical_tiles", parameters=parameters)
+
+
+def test_later_rounds_draw_over_earlier_ones() -> None:
+    """More shares than are held at once, of one view and of several."""
+    rng = np.random.default_rng(6)
+    at = rng.uniform(0, 130, (1500, 1, 2))
+    case = from_pixels(at + rng.uniform(-9, 9, (1500, 3, 2)), rng.uniform(0, 1, (1500, 3)), (70, 130))
+    assert_same_with(case, "hierarchical_tiles", parameters={"share": 1})
+    views = torch.from_numpy(np.stack([case.positions, case.positions * np.float32([-1, 1, 1, 1])]))
+    triangles = torch.from_numpy(case.triangles)
+    expected = bigtri.rasterize(views, triangles, case.resolution, backend="reference")
+    for share in (1, 2):
+        got = bigtri.rasterize(views, triangles, case.resolution, variant="hierarchical_tiles", parameters={"share": share})
+        assert got.depth is not None and expected.depth is not None
+        assert torch.equal(got.packed, expected.packed) and torch.equal(got.depth, expected.depth)
+    with pytest.raises(ValueError, match="in one round, of 1024 shares; with parameter share = 1 this view of 1500 triangles"):
+        counters.count(*case, variant="hierarchical_tiles", backend="reference", parameters={"share": 1})
+
+
+def test_a_triangle_is_stored_at_the_level_where_it_meets_few_tiles(one_thread: None) -> None:
+    """Their boxes meet 3x3 tiles of 16 px, 2x2 of 32 px, and one of 64 px; edges reject some of the nine."""
+    xy = np.array([[[20, 20], [60, 20], [20, 60]], [[70, 20], [110, 20], [70, 60]]], np.float64)
+    case = from_pixels(xy, np.full((2, 3), 0.5), (256, 256))
+    shape = {"tile": 16, "levels": 5, "room": 8}
+    found = {
+        meets: counters.count(*case, variant="hierarchical_tiles", parameters={**shape, "meets": meets}) for meets in (9, 4, 1)
+    }
+    assert [(c["candidates"], c["entries"]) for c in found.values()] == [(18, 6 + 8), (8, 8), (2, 2)]
+    assert found[9]["tiles_tested"] < found[4]["tiles_tested"] < found[1]["tiles_tested"], "by the finest tiles, again"
+
+
+def test_overdraw_with_and_without_early_rejection(one_thread: None) -> None:
+    back_to_front = make("layers")
+    case = back_to_front._replace(triangles=np.ascontiguousarray(back_to_front.triangles[::-1]))
+    count = {early_z: counters.count(*case, variant="hierarchical_tiles", parameters={"early_z": early_z}) for early_z in (0, 1)}
+    assert count[1]["fragments"] < count[0]["fragments"] / 4
+    assert count[1]["tiles_hidden"] > 0 and "tiles_hidden" not in count[0]

@@ -82,7 +82,7 @@ BIGTRI_INLINE void draw_element(const TileElement& element, const FinestTile& t,
     for (int k = 0; k < 3; ++k)
       if (low[k] < 0) edge[k] = {(int32_t)f[k], -e[k].dy, e[k].dx};
   }
-  CellDepth d;
+  CellDepth d = {};
   cell_depth(r, t.x / kBin, t.y / kBin, &d);
   const int i = t.x % kBin, j = t.y % kBin;
   if (t.early_z && nearest_depth(d, i, j, t.size) > *far) {

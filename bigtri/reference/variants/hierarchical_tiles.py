@@ -111,9 +111,7 @@ def _stored(job: Job, shape: _Shape) -> tuple[_Elements, dict[str, int]]:
     found = _Elements(record[kept], level[record[kept]], column[kept], row[kept], full[kept])
     order = np.lexsort((found.record, found.level))
     found = _Elements(found.record[order], found.level[order], found.column[order], found.row[order], found.full[order])
-    _, which, lengths = np.unique(
-        np.stack([found.level, found.row, found.column]), axis=1, return_index=True, return_counts=True
-    )
+    _, which, lengths = np.unique(np.stack([found.level, found.row, found.column]), axis=1, return_index=True, return_counts=True)
     overflows = int(np.maximum(lengths - np.array(shape.room)[found.level[which]], 0).sum())
     entries = len(found.record)
     return found, {
@@ -203,6 +201,6 @@ def _least_before(group: NDArray[np.int64], value: NDArray[np.float32]) -> NDArr
     """
     least = np.full(len(value), np.inf, np.float32)
     starts = np.flatnonzero(np.diff(group, prepend=-1))
-    for begin, end in zip(starts, np.append(starts[1:], len(group)), strict=True):
+    for begin, end in zip(starts, np.append(starts, len(group))[1:], strict=True):
         least[begin + 1 : end] = np.minimum.accumulate(value[begin : end - 1])
     return least
