@@ -123,23 +123,6 @@ def test_no_triangle_is_lost_where_lists_have_room_for_one() -> None:
             assert_same_with(case, "hierarchical_tiles", parameters=parameters)
 
 
-def test_later_rounds_draw_over_earlier_ones() -> None:
-    """More shares than are held at once, of one view and of several."""
-    rng = np.random.default_rng(6)
-    at = rng.uniform(0, 130, (1500, 1, 2))
-    case = from_pixels(at + rng.uniform(-9, 9, (1500, 3, 2)), rng.uniform(0, 1, (1500, 3)), (70, 130))
-    assert_same_with(case, "hierarchical_tiles", parameters={"share": 1})
-    views = torch.from_numpy(np.stack([case.positions, case.positions * np.float32([-1, 1, 1, 1])]))
-    triangles = torch.from_numpy(case.triangles)
-    expected = bigtri.rasterize(views, triangles, case.resolution, backend="reference")
-    for share in (1, 2):
-        got = bigtri.rasterize(views, triangles, case.resolution, variant="hierarchical_tiles", parameters={"share": share})
-        assert got.depth is not None and expected.depth is not None
-        assert torch.equal(got.packed, expected.packed) and torch.equal(got.depth, expected.depth)
-    with pytest.raises(ValueError, match="in one round, of 1024 shares; with parameter share = 1 this view of 1500 triangles"):
-        counters.count(*case, variant="hierarchical_tiles", backend="reference", parameters={"share": 1})
-
-
 def test_a_triangle_is_stored_at_the_level_where_it_meets_few_tiles(one_thread: None) -> None:
     """Their boxes meet 3x3 tiles of 16 px, 2x2 of 32 px, and one of 64 px; edges reject some of the nine."""
     xy = np.array([[[20, 20], [60, 20], [20, 60]], [[70, 20], [110, 20], [70, 60]]], np.float64)

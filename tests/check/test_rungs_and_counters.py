@@ -246,7 +246,8 @@ def test_queues_lose_nothing_that_comes_after_they_are_full(variant: str) -> Non
         how = {"variant": variant, "parameters": {"room": room}}
         with threads(1):
             both = [counters.count(*case, **how, backend=b) for b in ("reference", "native")]
-        assert both[0] == both[1] and both[0]["overflows"] > 3000 - 2 * standard
+        assert both[0] == both[1]
+        assert room == 0 or both[0]["overflows"] > 3000 - 2 * standard, "0 is room enough, chosen by itself"
         for count in (1, 5):
             with threads(count):
                 assert same(bigtri.rasterize(*case, **how, backend="native"), wanted), (room, count)

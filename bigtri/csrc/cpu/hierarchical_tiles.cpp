@@ -21,10 +21,10 @@ constexpr int kMostLevels = 13;  // tiles of 4 px, and above them up to the wide
 constexpr int64_t kMostRoom = 1 << 16;
 constexpr Parameter kParameters[] = {
     {"share", "triangles", "triangles that a task sets up", 256, 1, 1 << 20},
-    {"tile", "px", "of the finest tiles; 0: by the number of triangles and the size of the image", 0, 0, 64,
+    {"tile", "px", "of the finest tiles; 0: 64, a task's tiles in one", 0, 0, 64,
      kTileSizes},
     {"levels", "", "of the pyramid; 0: up to a tile that holds the image", 0, 0, kMostLevels},
-    {"meets", "tiles", "that a triangle may meet at the level where it is stored, unless that is the last; 0: 4", 0, 0,
+    {"meets", "tiles", "that a triangle may meet at the level where it is stored, unless that is the last; 0: 16", 0, 0,
      1 << 20},
     {"room", "elements",
      "in the list of a finest tile, twice as many a level up; what finds its list full goes to a global one; 0: by the "
@@ -51,29 +51,26 @@ struct Shape {
   std::vector<Level> levels;
   int64_t meets, tiles, slots;
 
-  Shape(const CheckedFrame& frame, const int64_t* values) : meets(values[kMeets] ? values[kMeets] : 4) {
+  Shape(const CheckedFrame& frame, const int64_t* values) : meets(values[kMeets] ? values[kMeets] : 16) {
     const int width = frame.view.width, height = frame.view.height;
-    const int64_t triangles = std::max<int64_t>(frame.count, 1), pixels = (int64_t)width * height;
-    const int finest = values[kTileSize] ? (int)values[kTileSize] : pixels / triangles < kDenseMesh ? 16 : 64;
+    const int finest = values[kTileSize] ? (int)values[kTileSize] : kBin;
     int count = (int)values[kLevels];
     if (!count)
       for (count = 1; finest << (count - 1) < std::max(width, height);) ++count;
     int64_t room = values[kRoom];
     const int64_t columns = (width + finest - 1) / finest, rows = (height + finest - 1) / finest;
-    if (!room) room = std::clamp<int64_t>(4 * meets * triangles / (columns * rows), 16, 1024);
+    if (!room) room = std::clamp<int64_t>(8 * (int64_t)frame.count / (columns * rows), 16, 4096);
     tiles = slots = 0;
     for (int i = 0; i < count; ++i) {
       const int size = finest << i;
       const int across = (width + size - 1) / size, down = (height + size - 1) / size;
       // Twice the room of the level below, unless the memory of all lists would be too much.
-      const int64_t most = kMostSlots / kMostLevels / ((int64_t)across * down);
+      const int64_t most = kMostSlots / count / ((int64_t)across * down);
       levels.push_back({size, across, down, tiles, slots, std::min(room << i, std::max<int64_t>(most, 1))});
       tiles += (int64_t)across * down;
       slots += (int64_t)across * down * levels.back().room;
     }
   }
-
-  static constexpr int64_t kDenseMesh = 64;  // px of the image a triangle, below which finest tiles are small
 };
 
 // The tiles of a level that a record's bounding box meets.

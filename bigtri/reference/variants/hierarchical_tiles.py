@@ -11,15 +11,13 @@ from ..coverage import fills, is_inside, sides_of, touches
 from ..depth import bound_depth
 from ..numerics import BIN, ramp
 from ..records import Records
-from ..work import Job, load, passing, record_bytes, sums_by
+from ..work import Job, check_one_round, load, passing, record_bytes, sums_by
 
 # Of the variant's parameters; what is 0 is chosen by _shape.
 STANDARD = {"share": 256, "tile": 0, "levels": 0, "meets": 0, "room": 0, "early_z": 1}
 REJECTS_BY_DEPTH = "early_z"
 OWNS_PIXELS = True
-_MOST_LEVELS, _MOST_SLOTS = 13, 1 << 24  # kMostLevels and kMostSlots of csrc/cpu/hierarchical_tiles.cpp
-_SHARES_TOGETHER = 1024  # kSharesTogether
-_DENSE_MESH = 64  # px of the image a triangle; kDenseMesh
+_MOST_SLOTS = 1 << 24  # kMostSlots of csrc/cpu/hierarchical_tiles.cpp
 _ELEMENT_BYTES, _OVERFLOW_BYTES = 8, 16
 _LANES = 8  # px
 
@@ -36,14 +34,12 @@ class _Shape(NamedTuple):
 
 def _shape(job: Job) -> _Shape:
     p = job.parameters
-    triangles, pixels = max(len(job.triangles), 1), job.width * job.height
-    meets = p["meets"] or 4
-    finest = p["tile"] or (16 if pixels // triangles < _DENSE_MESH else 64)
+    meets, finest = p["meets"] or 16, p["tile"] or BIN
     count = p["levels"] or next(n for n in range(1, 32) if finest << (n - 1) >= max(job.width, job.height))
     size = [finest << i for i in range(count)]
     columns, rows = ([-(-extent // s) for s in size] for extent in (job.width, job.height))
-    room = p["room"] or min(max(4 * meets * triangles // (columns[0] * rows[0]), 16), 1024)
-    most = [max(_MOST_SLOTS // _MOST_LEVELS // (a * b), 1) for a, b in zip(columns, rows, strict=True)]
+    room = p["room"] or min(max(8 * len(job.triangles) // (columns[0] * rows[0]), 16), 4096)
+    most = [max(_MOST_SLOTS // count // (a * b), 1) for a, b in zip(columns, rows, strict=True)]
     return _Shape(size, columns, rows, [min(room << i, most[i]) for i in range(count)], meets)
 
 
@@ -58,16 +54,8 @@ class _Elements(NamedTuple):
 
 
 def count(job: Job) -> dict[str, int]:
-    """What is stored, and what the finest tiles find in the lists above them.
-
-    Raises:
-        ValueError: the view takes more than one round.
-    """
-    if -(-len(job.triangles) // job.parameters["share"]) > _SHARES_TOGETHER:
-        raise ValueError(
-            f"bigtri.count: the reference counts what hierarchical_tiles does in one round, of {_SHARES_TOGETHER} shares; with"
-            f" parameter share = {job.parameters['share']} this view of {len(job.triangles)} triangles takes more"
-        )
+    """What is stored, and what the finest tiles find in the lists above them."""
+    check_one_round(job)
     shape = _shape(job)
     elements, stored = _stored(job, shape)
     drawn, work = _walked(job, shape, elements)
