@@ -21,8 +21,7 @@ constexpr int kMostLevels = 13;  // tiles of 4 px, and above them up to the wide
 constexpr int64_t kMostRoom = 1 << 16;
 constexpr Parameter kParameters[] = {
     {"share", "triangles", "triangles that a task sets up", 256, 1, 1 << 20},
-    {"tile", "px", "of the finest tiles; 0: 64, a task's tiles in one", 0, 0, 64,
-     kTileSizes},
+    {"tile", "px", "of the finest tiles; 0: 64, a task's tiles in one", 0, 0, 64, kTileSizes},
     {"levels", "", "of the pyramid; 0: up to a tile that holds the image", 0, 0, kMostLevels},
     {"meets", "tiles", "that a triangle may meet at the level where it is stored, unless that is the last; 0: 16", 0, 0,
      1 << 20},
