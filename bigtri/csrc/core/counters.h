@@ -37,12 +37,14 @@ enum class Depends : int {
   X(bins_tested, kNothing, "bins whose corners were tested against the edges of a record")                      \
   X(bins_rejected, kNothing, "of these, with all pixel centres outside of an edge")                             \
   X(bins_accepted, kNothing, "of these, with all pixel centres inside of all edges")                            \
+  X(bins_empty, kSpared, "bins that nothing rejected or accepted, none of whose pixels the record covers")     \
   X(bins_hidden, kOrder, "pairs of a record and a bin that were rejected by depth")                             \
   X(tiles_tested, kSpared, "tiles whose corners were tested against the edges of a record")                     \
   X(tiles_rejected, kSpared, "of these, with all pixel centres outside of an edge")                             \
   X(tiles_accepted, kSpared, "of these, with all pixel centres inside of all edges")                            \
-  X(tiles_separated, kSpared, "of these, rejected by a further test alone")                                     \
-  X(tiles_empty, kSpared, "tiles whose pixels were tested, none of which the record covers: false positives")   \
+  X(separations, kSpared, "tiles that no edge rejects and that were tested in a further way")                   \
+  X(tiles_separated, kSpared, "of these, rejected by it")                                                       \
+  X(tiles_empty, kSpared, "tiles that nothing rejected or accepted, none of whose pixels the record covers")    \
   X(tiles_hidden, kOrder, "pairs of a record and a tile that were rejected by depth")                           \
   /* Edges and pixels */                                                                                        \
   X(edges_64, kSpared, "edge values in 64 bits")                                                                \

@@ -52,7 +52,7 @@ struct exact {
   static constexpr AttributeRule kAttributes = AttributeRule::kFloat64;
   // Whether the rung has code of its own for drawing.
   static constexpr bool kDraws = true;
-  // Whether the proofs that the variant bin_owned rests on hold, and its kernels are compiled.
+  // Whether the proofs hold that the variants besides two_stage rest on, bin_owned first, and their kernels are compiled.
   static constexpr bool kBinOwned = true;
 };
 

@@ -7,7 +7,9 @@
 #include "bin_owned.inl"
 #include "binning.inl"
 #include "coverage_masks.inl"
+#include "hierarchical_tiles.inl"
 #include "persistent.inl"
+#include "recursive_descent.inl"
 #include "setup.inl"
 #include "shade.inl"
 #include "stages.inl"
@@ -65,6 +67,18 @@ constexpr TileOwnedKernels tile_owned_kernels() {
   else
     return {};
 }
+constexpr RecursiveDescentKernels recursive_descent_kernels() {
+  if constexpr (Rung::kBinOwned)
+    return {.descend = descend};
+  else
+    return {};
+}
+constexpr HierarchicalTilesKernels hierarchical_tiles_kernels() {
+  if constexpr (Rung::kBinOwned)
+    return {.walk_up = walk_up};
+  else
+    return {};
+}
 constexpr StageKernels stage_kernels() {
   if constexpr (Rung::kDraws && !kCounts)
     return {.tile_mask = stage_tile_mask,
@@ -97,21 +111,23 @@ constexpr ShadeKernels picture_kernels() {
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE
 
-#define BIGTRI_KERNEL_TABLE(NAME)                 \
-  inline namespace BIGTRI_NAMESPACE {             \
-  extern const Kernels kernels_##NAME;            \
-  const Kernels kernels_##NAME = {                \
-      .bin_owned = bin_owned_kernels(),           \
-      .stages = stage_kernels(),                  \
-      .attributes = attribute_kernels(),          \
-      .two_stage = two_stage_kernels(),           \
-      .shade = picture_kernels(),                 \
-      .batched = batched_kernels(),               \
-      .coverage_masks = coverage_masks_kernels(), \
-      .persistent = persistent_kernels(),         \
-      .tile_owned = tile_owned_kernels(),         \
-      .tile_queues = tile_queues_kernels(),       \
-  };                                              \
+#define BIGTRI_KERNEL_TABLE(NAME)                         \
+  inline namespace BIGTRI_NAMESPACE {                     \
+  extern const Kernels kernels_##NAME;                    \
+  const Kernels kernels_##NAME = {                        \
+      .bin_owned = bin_owned_kernels(),                   \
+      .stages = stage_kernels(),                          \
+      .attributes = attribute_kernels(),                  \
+      .two_stage = two_stage_kernels(),                   \
+      .shade = picture_kernels(),                         \
+      .batched = batched_kernels(),                       \
+      .coverage_masks = coverage_masks_kernels(),         \
+      .hierarchical_tiles = hierarchical_tiles_kernels(), \
+      .persistent = persistent_kernels(),                 \
+      .recursive_descent = recursive_descent_kernels(),   \
+      .tile_owned = tile_owned_kernels(),                 \
+      .tile_queues = tile_queues_kernels(),               \
+  };                                                      \
   }
 
 }  // namespace bigtri

@@ -13,7 +13,9 @@
 #include "batched.h"
 #include "bin_owned.h"
 #include "coverage_masks.h"
+#include "hierarchical_tiles.h"
 #include "persistent.h"
+#include "recursive_descent.h"
 #include "tile_owned.h"
 #include "tile_queues.h"
 #include "two_stage.h"
@@ -44,7 +46,9 @@ struct Kernels {
   ShadeKernels shade;
   BatchedKernels batched;
   CoverageMasksKernels coverage_masks;
+  HierarchicalTilesKernels hierarchical_tiles;
   PersistentKernels persistent;
+  RecursiveDescentKernels recursive_descent;
   TileOwnedKernels tile_owned;
   TileQueuesKernels tile_queues;
 };

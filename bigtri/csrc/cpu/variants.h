@@ -2,14 +2,20 @@
 // here, which defines <name>_variant. variants.cpp makes a table of them. setup.py reads the lists.
 #pragma once
 
+// clang-format off
 #define BIGTRI_CPU_VARIANTS_exact(X) \
-  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned)
+  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned) \
+  X(recursive_descent) X(hierarchical_tiles)
 #define BIGTRI_CPU_VARIANTS_balanced(X) \
-  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned)
+  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned) \
+  X(recursive_descent) X(hierarchical_tiles)
 #define BIGTRI_CPU_VARIANTS_fast(X) \
-  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned)
+  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned) \
+  X(recursive_descent) X(hierarchical_tiles)
 #define BIGTRI_CPU_VARIANTS_subpixel4(X) \
-  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned)
+  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned) \
+  X(recursive_descent) X(hierarchical_tiles)
+// clang-format on
 #define BIGTRI_CPU_VARIANTS_subpixel12(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_subpixel16(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_coverage_int64(X) X(two_stage)

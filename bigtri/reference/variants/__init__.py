@@ -11,8 +11,9 @@ class Model(Protocol):
     """What a module of this package has; its name is the variant's."""
 
     STANDARD: dict[str, int]  # what its parameters are by default
-    # Whether it spares work that depth shows to be of no use, in an order that threads decide.
-    REJECTS_BY_DEPTH: bool
+    # The parameter that, at 0, makes it draw what depth shows to be of no use; empty if it leaves nothing out in an order that
+    # threads decide.
+    REJECTS_BY_DEPTH: str
     OWNS_PIXELS: bool  # whether a pixel is one task's, which stores it; else many offer it fragments with an atomic minimum
 
     def count(self, job: Job) -> dict[str, int]:

@@ -8,7 +8,7 @@ from ..binning import bbox_pixels
 from ..work import Job, fragments_of, load, passing, sums_by
 
 STANDARD = {"batch": 32}  # of the variant's parameters
-REJECTS_BY_DEPTH = False
+REJECTS_BY_DEPTH = ""
 OWNS_PIXELS = False
 _DIRECT_EXTENT = 1024  # px; kDirectExtent of csrc/core/record.h
 

@@ -6,7 +6,7 @@ from ..numerics import TILE, TILES
 from ..work import Job, check_one_round, load, passing, pixels_in, queued_bins, sums_by, tile_entry_bytes, touched_tiles
 
 STANDARD = {"share": 256, "room": 256}  # of the variant's parameters
-REJECTS_BY_DEPTH = False
+REJECTS_BY_DEPTH = ""
 OWNS_PIXELS = True
 
 

@@ -9,7 +9,7 @@ from ..numerics import BIN, TILE, TILES
 from ..work import Job, check_one_round, load, passing, pixels_in, queued_bins, sums_by
 
 STANDARD = {"share": 256, "room": 256, "batch": 1024}  # of the variant's parameters
-REJECTS_BY_DEPTH = False
+REJECTS_BY_DEPTH = ""
 OWNS_PIXELS = True
 
 

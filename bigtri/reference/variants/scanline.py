@@ -7,7 +7,7 @@ import numpy as np
 from ..work import Job, fragments_of, load, passing, sums_by
 
 STANDARD = {"share": 256}  # of the variant's parameters
-REJECTS_BY_DEPTH = False
+REJECTS_BY_DEPTH = ""
 OWNS_PIXELS = False
 
 

@@ -14,7 +14,7 @@ from ..tile_mask import tile_mask
 from ..work import Job, Pixels, boxed_tiles, check_one_round, load, pack, record_bytes, sums_by
 
 STANDARD = {"share": 256, "tiles": 16}  # of the variant's parameters
-REJECTS_BY_DEPTH = False  # it does, by bounds that are gathered before anything is drawn
+REJECTS_BY_DEPTH = ""  # it does, by bounds that are gathered before anything is drawn
 OWNS_PIXELS = True
 _OWNED = 16  # px; kOwnedTile of csrc/cpu/tile_owned.h
 _ENTRY_BYTES = 16 + 8  # a pair, and its place in the tile's list

@@ -23,7 +23,7 @@ from ..work import (
 )
 
 STANDARD = {"share": 256, "room": 1024}  # of the variant's parameters
-REJECTS_BY_DEPTH = False
+REJECTS_BY_DEPTH = ""
 OWNS_PIXELS = True
 _WIDE_BIN = 128  # px; kWideBin of csrc/cpu/tile_queues.h
 
