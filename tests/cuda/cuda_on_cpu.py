@@ -132,14 +132,14 @@ def compiled_header(optimized: str) -> Path:
 
 
 def compile_and_link(
-    folder: Path, sources: Sequence[Path], there: Sequence[Path], rung: str, optimized: str = "-Og"
+    folder: Path, sources: Sequence[Path], there: Sequence[Path], rung: str, optimized: str = "-Og", defined: Sequence[str] = ()
 ) -> ctypes.CDLL:
     """Compile sources, which lie in ``folder`` or include what does, for a rung, and link them with objects that are there.
 
-    ``optimized``: -Og compiles in half the time of -O2, and what it makes takes a quarter longer.
+    ``optimized``: -Og compiles in half the time of -O2, and what it makes takes a quarter longer. ``defined``: macros.
     """
     compiler = [*COMPILER, optimized, f"-DBIGTRI_RUNG={rung}", *(f"-I{path}" for path in (cuda_headers(), folder / "cuda", HERE))]
-    compiler += ["-DBIGTRI_DRAWN_BY=exact"] * (rung in DRAWN_AS_EXACT)
+    compiler += ["-DBIGTRI_DRAWN_BY=exact"] * (rung in DRAWN_AS_EXACT) + [f"-D{name}" for name in defined]
     header = ["-include", str(compiled_header(optimized)), "-x", "c++", "-c"]
     objects = [folder / f"{source.stem}.o" for source in sources]
     running = [
@@ -192,6 +192,16 @@ def unchanged(rung: str) -> Path:
     else:
         build_rung(folder, rung)
     return folder
+
+
+@functools.cache
+def kernels_where_float64_is_slow() -> ctypes.CDLL:
+    """Those of ``exact`` with ``bin_owned`` as GPUs have it whose float64 is slow (core/platform.h)."""
+    folder = Path(tempfile.mkdtemp(dir=workspace().name)) / "slow_float64"
+    copy_sources(folder)
+    sources = [folder / f"cuda/{name}.cu" for name in ("bin_owned", "clear")]
+    there = [unchanged("exact") / f"{name}.o" for name in (*SOURCES, "cuda_on_cpu") if name not in ("bin_owned", "clear")]
+    return compile_and_link(folder, sources, there, "exact", defined=["BIGTRI_SLOW_FLOAT64"])
 
 
 def kernels(rung: str = "exact") -> ctypes.CDLL:

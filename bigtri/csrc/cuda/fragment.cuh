@@ -1,6 +1,7 @@
 // What every way to draw shares: a record within one bin, and the atomic minimum on a pixel.
 #pragma once
 
+#include "../core/pair_depth.h"
 #include "../core/pixel_depth.h"
 #include "setup.cuh"
 

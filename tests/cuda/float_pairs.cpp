@@ -1,0 +1,72 @@
+// What pairs of float32 decide, beside the float64 formulas that they stand for, for test_float_pairs.py.
+#define BIGTRI_SLOW_FLOAT64
+#define BIGTRI_RUNG exact
+#include "core/pair_depth.h"
+#include "core/setup.h"
+
+using namespace bigtri;
+
+namespace {
+
+// Not equal as depths are: of zeros the sign does not matter.
+bool differ(float a, float b) { return !(a == b); }
+
+}  // namespace
+
+// Depth at all covered pixels of triangles: x, y [count, 3] subpx, z [count, 3]. counts: pixels, those that are not
+// decided, and those that are decided in another way than float64 rounds; thin triangles. bound: what the error is
+// multiplied with.
+extern "C" void decide_depth(int count, const int32_t* x, const int32_t* y, const float* z, float bound, int64_t* counts) {
+  const Viewport everywhere = {16384, 16384, 0, 0, 16384, 16384, kCullNone};
+  for (int t = 0; t < count; ++t) {
+    Primitive p;
+    if (!make_primitive(x + 3 * t, y + 3 * t, z + 3 * t, everywhere, &p)) continue;
+    if (is_thin(p.x, p.y, p.area)) {
+      ++counts[3];
+      continue;
+    }
+    PairPlane plane = pair_plane(p.x, p.y, p.z, p.area, p.x0, p.y0);
+    plane.error *= bound;
+    for (int py = p.y0; py < p.y1; ++py) {
+      const FloatPair row = pair_at(plane.z, plane.dzdy, exact_float(py - p.y0));
+      for (int px = p.x0; px < p.x1; ++px) {
+        int64_t outside = 0;
+        for (int k = 0; k < 3; ++k) outside |= edge_steps(edge_of(p.x, p.y, k), px, py);
+        if (outside < 0) continue;
+        float depth;
+        const bool decided = pair_depth(row, plane.dzdx, exact_float(px - p.x0), plane.error, &depth);
+        ++counts[0];
+        counts[1] += !decided;
+        counts[2] += decided && differ(depth, plane_depth(p.x, p.y, p.z, p.area, px, py));
+      }
+    }
+  }
+}
+
+// Where numbers x [count] over w [count] snap to in an image that is `size` px wide. counts: of numbers, as above.
+extern "C" void decide_snap(int count, const float* x, const float* w, int size, int64_t* counts) {
+  const int half = kHalf * size;
+  for (int i = 0; i < count; ++i) {
+    int32_t snapped;
+    const bool decided =
+        pair_snap(x[i], inverse({w[i], 0.0f}), half, -kGuard - half, kGuard - 1 - half, &snapped);
+    ++counts[0];
+    counts[1] += !decided;
+    counts[2] += decided && half + snapped != snap_x((double)x[i], divisor(w[i]), size);
+  }
+}
+
+// Results [count, 2] of operation 0: sum of pairs, 1: product of a float and a pair, 2: of pairs, 3: inverse; and 4: the
+// pair of an integer. a, b: pairs [count, 2]; of floats only the first is read.
+extern "C" void compute(int operation, int count, const float* a, const float* b, const int64_t* integers, float* out) {
+  for (int i = 0; i < count; ++i) {
+    const FloatPair p = {a[2 * i], a[2 * i + 1]}, q = {b[2 * i], b[2 * i + 1]};
+    const FloatPair r = operation == 0   ? sum(p, q)
+                        : operation == 1 ? product(p.hi, q)
+                        : operation == 2 ? product(p, q)
+                        : operation == 3 ? inverse(p)
+                                         : pair_of(integers[i]);
+    out[2 * i] = r.hi;
+    out[2 * i + 1] = r.lo;
+  }
+}
