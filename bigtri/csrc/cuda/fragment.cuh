@@ -156,6 +156,12 @@ __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, boo
   asm volatile("red.relaxed.gpu.global.min.s64 [%0], %1;" ::"l"(__cvta_generic_to_global(pixel)), "l"(packed));
 }
 
+// The same for a pixel in shared memory, where warps may draw at the same time. Of 64 bits, a minimum there is a
+// compare-and-swap, so the pixel is read first.
+__device__ __forceinline__ void keep_nearest_shared(int64_t* pixel, int64_t packed) {
+  if (reread(*pixel) > packed) atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed);
+}
+
 // Pixels next to each other of a record, from (x, y) on in a row, or in a column, each with a test and a plane of its
 // own: for what is thin, and for the ends of slivers. first: the first one in the frame; stride: to the next one.
 __device__ __noinline__ void draw_tested(int64_t* first, int stride, const Record& r, int x, int y, bool in_row,

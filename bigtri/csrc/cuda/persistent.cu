@@ -163,11 +163,6 @@ __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int coun
   }
 }
 
-// In shared memory, where warps may draw on the same pixel.
-__device__ __forceinline__ void keep_nearest_shared(int64_t* pixel, int64_t packed) {
-  if (reread(*pixel) > packed) atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed);
-}
-
 // A row of tiles of one entry, into shared memory. By all lanes of a warp.
 __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records, const Entry& e, int bin_x, int bin_y,
                                            int row, int64_t* pixels) {
