@@ -21,6 +21,10 @@
 // what rounds_alike rounds: 14 zmax + 70 N + 70 H + 65 G. The anchor and the pixel lie in the vertices' bounding box, so
 // that N + G + H <= 2 l E (zmax - zmin).
 //
+// Or they are anchored at the first pixel of the cell, as depth.h has it. The edge values there add up to (1 + 63 l) A at
+// most in magnitude, so that N + G + H <= (1 + 126 l) (zmax - zmin) for every pixel of the cell, covered or not, as long
+// as the cell has one that is.
+//
 // What underflows stays below 2^-125: A is at least 1, and columns and rows are below 2^14.
 #pragma once
 
@@ -44,9 +48,11 @@ BIGTRI_HD FloatPair weighted_pair(G g1, G g2, FloatPair d1, FloatPair d2, FloatP
   return product(sum(product(g1, d1), product(g2, d2)), by);
 }
 
-// Of a triangle that is not thin, |edge values| < 2^49, anchored at the first pixel of its bbox, (x0, y0).
-BIGTRI_HD PairPlane pair_plane(const int32_t x[3], const int32_t y[3], const float z[3], int64_t area, int32_t x0,
-                               int32_t y0) {
+// Of a triangle that is not thin, |edge values| < 2^49, anchored at pixel (x0, y0): the first one of its bbox, or if kCell
+// of a cell.
+template <bool kCell>
+BIGTRI_HD PairPlane pair_plane_from(const int32_t x[3], const int32_t y[3], const float z[3], int64_t area, int32_t x0,
+                                    int32_t y0) {
   const Edge e[3] = {edge_of(x, y, 0), edge_of(x, y, 1), edge_of(x, y, 2)};
   const FloatPair d1 = two_sum(z[1], -z[0]), d2 = two_sum(z[2], -z[0]), by_area = inverse(pair_of(area));
   const FloatPair per_px = {kSubpixel * by_area.hi, kSubpixel * by_area.lo};
@@ -67,9 +73,18 @@ BIGTRI_HD PairPlane pair_plane(const int32_t x[3], const int32_t y[3], const flo
   const float zmin = min_of(min_of(z[0], z[1]), z[2]), zmax = max_of(max_of(z[0], z[1]), z[2]);
   // A little more than 14 + 1/4, 32 and 140, for the roundings of what is written here.
   constexpr float kUnit = 1.0f / (1 << 24) / (1 << 24);
-  p.error = kUnit * ((16.0f + 33.0f * kSubpixel * length) * zmax + 150.0f * (length * side) * (zmax - zmin)) +
+  const float spread = kCell ? 1.0f + 127.0f * kSubpixel * length : length * side;
+  p.error = kUnit * ((16.0f + 33.0f * kSubpixel * length) * zmax + 150.0f * spread * (zmax - zmin)) +
             bits_float(0x03800000);  // 2^-120
   return p;
+}
+BIGTRI_HD PairPlane pair_plane(const int32_t x[3], const int32_t y[3], const float z[3], int64_t area, int32_t x0,
+                               int32_t y0) {
+  return pair_plane_from<false>(x, y, z, area, x0, y0);
+}
+BIGTRI_HD PairPlane pair_cell_plane(const int32_t x[3], const int32_t y[3], const float z[3], int64_t area, int cell_x,
+                                    int cell_y) {
+  return pair_plane_from<true>(x, y, z, area, cell_x * kBin, cell_y * kBin);
 }
 
 // start + step * n
@@ -79,6 +94,16 @@ BIGTRI_HD FloatPair pair_at(FloatPair start, FloatPair step, float n) { return s
 BIGTRI_HD bool pair_depth(FloatPair start, FloatPair dzdx, float n, float error, float* z) {
   const FloatPair p = two_product(dzdx.hi, n), s = two_sum(start.hi, p.hi);
   return rounds_alike(s.hi, s.lo + (start.lo + multiply_add(dzdx.lo, n, p.lo)), error, z);
+}
+
+// What corner_plane bounds, for a plane of pair_cell_plane(): no covered pixel of the rectangle is nearer, as computed in
+// float64 and rounded, or farther. Where a gradient's sign is not that of the exact one, the exact one is below its error,
+// 56 u^2 of its share of l (zmax - zmin), and 63 times that, with what is farther from zmax here than pixels are, is
+// within the plane's error: 70 + 28 + 2 of (1 + 126 l) (zmax - zmin), of which that has 150.
+BIGTRI_HD float pair_corner_plane(const PairPlane& p, int i, int j, int last_x, int last_y, bool farthest) {
+  const int x = (p.dzdx.hi < 0) != farthest ? i + last_x : i, y = (p.dzdy.hi < 0) != farthest ? j + last_y : j;
+  const FloatPair z = pair_at(pair_at(p.z, p.dzdy, exact_float(y)), p.dzdx, exact_float(x));
+  return z.hi + (z.lo + (farthest ? p.error : -p.error));
 }
 
 // What it is compared with: the plane of depth.h at a pixel, rounded to float32.
