@@ -13,10 +13,11 @@ bool differ(float a, float b) { return !(a == b); }
 
 }  // namespace
 
-// Depth at all covered pixels of triangles: x, y [count, 3] subpx, z [count, 3]. counts: pixels, those that are not
-// decided, and those that are decided in another way than float64 rounds; thin triangles. bound: what the error is
-// multiplied with.
-extern "C" void decide_depth(int count, const int32_t* x, const int32_t* y, const float* z, float bound, int64_t* counts) {
+// Depth at all covered pixels of triangles: x, y [count, 3] subpx, z [count, 3]; by one plane for each, or if `cells` by
+// one for each cell. counts: pixels, those that are not decided, and those that are decided in another way than float64
+// rounds; thin triangles; pixels beyond the bounds of their cells. bound: what the error is multiplied with.
+extern "C" void decide_depth(int count, const int32_t* x, const int32_t* y, const float* z, bool cells, float bound,
+                             int64_t* counts) {
   const Viewport everywhere = {16384, 16384, 0, 0, 16384, 16384, kCullNone};
   for (int t = 0; t < count; ++t) {
     Primitive p;
@@ -26,20 +27,29 @@ extern "C" void decide_depth(int count, const int32_t* x, const int32_t* y, cons
       continue;
     }
     PairPlane plane = pair_plane(p.x, p.y, p.z, p.area, p.x0, p.y0);
-    plane.error *= bound;
-    for (int py = p.y0; py < p.y1; ++py) {
-      const FloatPair row = pair_at(plane.z, plane.dzdy, exact_float(py - p.y0));
+    for (int py = p.y0; py < p.y1; ++py)
       for (int px = p.x0; px < p.x1; ++px) {
         int64_t outside = 0;
         for (int k = 0; k < 3; ++k) outside |= edge_steps(edge_of(p.x, p.y, k), px, py);
         if (outside < 0) continue;
+        int i = px - p.x0, j = py - p.y0;
+        if (cells) {
+          plane = pair_cell_plane(p.x, p.y, p.z, p.area, px / kBin, py / kBin);
+          i = px % kBin, j = py % kBin;
+        }
         float depth;
-        const bool decided = pair_depth(row, plane.dzdx, exact_float(px - p.x0), plane.error, &depth);
+        const bool decided = pair_depth(pair_at(plane.z, plane.dzdy, exact_float(j)), plane.dzdx, exact_float(i),
+                                        plane.error * bound, &depth);
+        const float wanted = plane_depth(p.x, p.y, p.z, p.area, px, py);
         ++counts[0];
         counts[1] += !decided;
-        counts[2] += decided && differ(depth, plane_depth(p.x, p.y, p.z, p.area, px, py));
+        counts[2] += decided && differ(depth, wanted);
+        if (cells)
+          counts[4] += wanted < pair_corner_plane(plane, 0, 0, kBin - 1, kBin - 1, false) ||
+                       wanted > pair_corner_plane(plane, 0, 0, kBin - 1, kBin - 1, true) ||
+                       wanted < pair_corner_plane(plane, i, j, 0, 0, false) ||
+                       wanted > pair_corner_plane(plane, i, j, 0, 0, true);
       }
-    }
   }
 }
 
@@ -48,8 +58,7 @@ extern "C" void decide_snap(int count, const float* x, const float* w, int size,
   const int half = kHalf * size;
   for (int i = 0; i < count; ++i) {
     int32_t snapped;
-    const bool decided =
-        pair_snap(x[i], inverse({w[i], 0.0f}), half, -kGuard - half, kGuard - 1 - half, &snapped);
+    const bool decided = pair_snap(x[i], inverse({w[i], 0.0f}), half, -kGuard - half, kGuard - 1 - half, &snapped);
     ++counts[0];
     counts[1] += !decided;
     counts[2] += decided && half + snapped != snap_x((double)x[i], divisor(w[i]), size);
