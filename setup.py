@@ -99,7 +99,8 @@ def with_ladder() -> bool:
 
 def variants_of(kind: str) -> dict[str, list[str]]:
     """By rung, the variants that are compiled for it; ``kind`` is "cpu" or "cuda"."""
-    listed = re.findall(rf"#define BIGTRI_{kind.upper()}_VARIANTS_(\w+)\(X\)(.*)", (CSRC / kind / "variants.h").read_text())
+    lists = rf"#define BIGTRI_{kind.upper()}_VARIANTS_(\w+)\(X\)((?:.*\\\n)*.*)"  # a list may be continued
+    listed = re.findall(lists, (CSRC / kind / "variants.h").read_text())
     return {rung: re.findall(r"\bX\((\w+)\)", names) for rung, names in listed}
 
 
