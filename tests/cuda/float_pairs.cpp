@@ -13,10 +13,13 @@ bool differ(float a, float b) { return !(a == b); }
 
 }  // namespace
 
-// Depth at all covered pixels of triangles: x, y [count, 3] subpx, z [count, 3]; by one plane for each, or if `cells` by
-// one for each cell. counts: pixels, those that are not decided, and those that are decided in another way than float64
-// rounds; thin triangles; pixels beyond the bounds of their cells. bound: what the error is multiplied with.
-extern "C" void decide_depth(int count, const int32_t* x, const int32_t* y, const float* z, bool cells, float bound,
+// By which planes: one for a triangle, one for each cell, or one for each row.
+enum Planes { kTriangle, kCells, kRows };
+
+// Depth at all covered pixels of triangles: x, y [count, 3] subpx, z [count, 3]. counts: pixels, those that are not
+// decided, and those that are decided in another way than float64 rounds; thin triangles; pixels beyond the bounds of
+// their cells. bound: what the error is multiplied with.
+extern "C" void decide_depth(int count, const int32_t* x, const int32_t* y, const float* z, int planes, float bound,
                              int64_t* counts) {
   const Viewport everywhere = {16384, 16384, 0, 0, 16384, 16384, kCullNone};
   for (int t = 0; t < count; ++t) {
@@ -27,29 +30,39 @@ extern "C" void decide_depth(int count, const int32_t* x, const int32_t* y, cons
       continue;
     }
     PairPlane plane = pair_plane(p.x, p.y, p.z, p.area, p.x0, p.y0);
-    for (int py = p.y0; py < p.y1; ++py)
+    const PairLines lines = pair_lines(p.x, p.y, p.z, p.area, false);
+    for (int py = p.y0; py < p.y1; ++py) {
+      int first = -1;  // covered
       for (int px = p.x0; px < p.x1; ++px) {
         int64_t outside = 0;
         for (int k = 0; k < 3; ++k) outside |= edge_steps(edge_of(p.x, p.y, k), px, py);
         if (outside < 0) continue;
+        if (first < 0) first = px;
         int i = px - p.x0, j = py - p.y0;
-        if (cells) {
+        if (planes == kCells) {
           plane = pair_cell_plane(p.x, p.y, p.z, p.area, px / kBin, py / kBin);
           i = px % kBin, j = py % kBin;
         }
-        float depth;
-        const bool decided = pair_depth(pair_at(plane.z, plane.dzdy, exact_float(j)), plane.dzdx, exact_float(i),
-                                        plane.error * bound, &depth);
+        FloatPair start = pair_at(plane.z, plane.dzdy, exact_float(j)), step = plane.dzdx;
+        float error = plane.error, depth;
+        if (planes == kRows) {
+          i = px - first;
+          start = pair_line_start(lines, p.x, p.y, p.z[0], first, py);
+          step = lines.step;
+          error = lines.fixed + lines.per_px * (float)i;
+        }
+        const bool decided = pair_depth(start, step, exact_float(i), error * bound, &depth);
         const float wanted = plane_depth(p.x, p.y, p.z, p.area, px, py);
         ++counts[0];
         counts[1] += !decided;
         counts[2] += decided && differ(depth, wanted);
-        if (cells)
+        if (planes == kCells)
           counts[4] += wanted < pair_corner_plane(plane, 0, 0, kBin - 1, kBin - 1, false) ||
                        wanted > pair_corner_plane(plane, 0, 0, kBin - 1, kBin - 1, true) ||
                        wanted < pair_corner_plane(plane, i, j, 0, 0, false) ||
                        wanted > pair_corner_plane(plane, i, j, 0, 0, true);
       }
+    }
   }
 }
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 pytestmark = pytest.mark.skipif(not shutil.which("c++"), reason="no C++ compiler")
 
 U = Fraction(1, 2**24)
+PLANES = ("triangle", "cell", "row")
 
 
 @functools.cache
@@ -34,23 +35,25 @@ def pointer(array: NDArray) -> ctypes.c_void_p:
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-def depth_counts(corners: NDArray, z: NDArray, cells: bool = False, bound: float = 1.0) -> tuple[int, int, int]:
-    """Covered pixels of triangles [count, 3, 2], subpx, those not decided, and those decided wrongly. cells: by a plane for each
-    cell, as patches have it, which bounds the cell's pixels."""
+def depth_counts(corners: NDArray, z: NDArray, planes: str = "triangle", bound: float = 1.0) -> tuple[int, int, int]:
+    """Covered pixels of triangles [count, 3, 2], subpx, those not decided, and those decided wrongly. planes: for each what there
+    is a plane; those of cells, as patches have them, bound the cell's pixels, and those of rows are what slivers have."""
     x, y = (np.ascontiguousarray(corners[..., k], np.int32) for k in range(2))
     depths, counts = np.ascontiguousarray(z, np.float32), np.zeros(5, np.int64)
-    library().decide_depth(len(x), *map(pointer, (x, y, depths)), cells, ctypes.c_float(bound), pointer(counts))
+    library().decide_depth(len(x), *map(pointer, (x, y, depths)), PLANES.index(planes), ctypes.c_float(bound), pointer(counts))
     assert counts[4] == 0
     return int(counts[0]), int(counts[1]), int(counts[2])
 
 
 def corners_of(rng: np.random.Generator, side: int, count: int) -> NDArray[np.int64]:
-    """Triangles of about so many px."""
-    return rng.integers(0, 256 * 1000, (count, 1, 2)) + rng.integers(0, 256 * side + 1, (count, 3, 2))
+    """Triangles of about so many px, some of them slivers."""
+    corners = rng.integers(0, 256 * 1000, (count, 1, 2)) + rng.integers(0, 256 * side + 1, (count, 3, 2))
+    corners[::4, 2] = corners[::4, 1] + rng.integers(-256, 257, (len(corners[::4]), 2))
+    return corners
 
 
 SIDES = {2: 40_000, 5: 10_000, 30: 500, 250: 8}
-# Depths of the vertices, and the least share of pixels that have to be decided with one plane for a triangle.
+# Depths of the vertices, and the least share of pixels that have to be decided, but with a plane for each cell.
 DEPTHS = {
     "any": (lambda rng, n: rng.uniform(0, 1, (n, 3)), 0.999),
     "of a mesh": (lambda rng, n: 1 - rng.uniform(1e-3, 0.1, (n, 1)) + rng.normal(0, 1e-4, (n, 3)), 0.999),
@@ -62,15 +65,15 @@ DEPTHS = {
 }
 
 
-@pytest.mark.parametrize("cells", [False, True])
+@pytest.mark.parametrize("planes", PLANES)
 @pytest.mark.parametrize("depths", DEPTHS)
 @pytest.mark.parametrize("side", SIDES)
-def test_what_pairs_decide_of_depth_is_what_float64_rounds_to(side: int, depths: str, cells: bool) -> None:
+def test_what_pairs_decide_of_depth_is_what_float64_rounds_to(side: int, depths: str, planes: str) -> None:
     rng = np.random.default_rng([side, *depths.encode()])
     corners = corners_of(rng, side, SIDES[side])
     make, share = DEPTHS[depths]
-    pixels, undecided, wrong = depth_counts(corners, np.abs(make(rng, len(corners))), cells)
-    anchored = 15 if cells else 1  # a cell's corner is far from a small triangle
+    pixels, undecided, wrong = depth_counts(corners, np.abs(make(rng, len(corners))), planes)
+    anchored = 15 if planes == "cell" else 1  # a cell's corner is far from a small triangle
     assert pixels > 1000 and wrong == 0 and undecided <= anchored * (1 - share) * pixels, (pixels, undecided, wrong)
 
 

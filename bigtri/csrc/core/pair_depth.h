@@ -42,6 +42,28 @@ struct PairPlane {
   float error;  // bounds how far the plane, as computed at a covered pixel, is off from that in float64, as computed
 };
 
+// What the bounds are made of: for N + G + H of zmax - zmin at most, or of nothing where that is 0; and what to add for
+// the l of each px, and for 2 l E.
+struct PairError {
+  float fixed, per_px, per_side;
+};
+BIGTRI_HD PairError pair_error(const int32_t x[3], const int32_t y[3], const float z[3], float by_area) {
+  // dx and dy add up to 0 over the edges, so their magnitudes to twice the extents.
+  int32_t across = 0, down = 0;
+  for (int k = 0; k < 3; ++k) {
+    const Edge e = edge_of(x, y, k);
+    across += absolute(e.dx);
+    down += absolute(e.dy);
+  }
+  const float length = (float)(across + down) * by_area, side = (float)max_of(across, down) * 0.5f;  // subpx^-1, subpx
+  const float zmin = min_of(min_of(z[0], z[1]), z[2]), zmax = max_of(max_of(z[0], z[1]), z[2]);
+  // A little more than 14 + 1/4, 32 and 70, or 100 in a cell, for the roundings of what is written here.
+  constexpr float kUnit = 1.0f / (1 << 24) / (1 << 24), kTiny = 1.0f / (1 << 30) / (1 << 30) / (1 << 30) / (1 << 30);
+  const float each = 150.0f * kUnit * (zmax - zmin);
+  return {kUnit * (16.0f + 33.0f * kSubpixel * length) * zmax + each + kTiny, kSubpixel * length * each,
+          length * side * each};
+}
+
 // (g1 * d1 + g2 * d2) * by; G is float or FloatPair.
 template <class G>
 BIGTRI_HD FloatPair weighted_pair(G g1, G g2, FloatPair d1, FloatPair d2, FloatPair by) {
@@ -62,20 +84,8 @@ BIGTRI_HD PairPlane pair_plane_from(const int32_t x[3], const int32_t y[3], cons
   p.z = sum({z[0], 0.0f}, weighted_pair(g1, g2, d1, d2, by_area));
   p.dzdx = weighted_pair(-(float)e[1].dy, -(float)e[2].dy, d1, d2, per_px);
   p.dzdy = weighted_pair((float)e[1].dx, (float)e[2].dx, d1, d2, per_px);
-  // dx and dy add up to 0 over the edges, so their magnitudes to twice the extents.
-  int32_t across = 0, down = 0;
-  for (int k = 0; k < 3; ++k) {
-    across += absolute(e[k].dx);
-    down += absolute(e[k].dy);
-  }
-  const float length = (float)(across + down) * by_area.hi,
-              side = (float)max_of(across, down) * 0.5f;  // subpx^-1, subpx
-  const float zmin = min_of(min_of(z[0], z[1]), z[2]), zmax = max_of(max_of(z[0], z[1]), z[2]);
-  // A little more than 14 + 1/4, 32 and 140, for the roundings of what is written here.
-  constexpr float kUnit = 1.0f / (1 << 24) / (1 << 24);
-  const float spread = kCell ? 1.0f + 127.0f * kSubpixel * length : length * side;
-  p.error = kUnit * ((16.0f + 33.0f * kSubpixel * length) * zmax + 150.0f * spread * (zmax - zmin)) +
-            bits_float(0x03800000);  // 2^-120
+  const PairError error = pair_error(x, y, z, by_area.hi);
+  p.error = error.fixed + (kCell ? 127.0f * error.per_px : error.per_side);
   return p;
 }
 BIGTRI_HD PairPlane pair_plane(const int32_t x[3], const int32_t y[3], const float z[3], int64_t area, int32_t x0,
@@ -94,6 +104,33 @@ BIGTRI_HD FloatPair pair_at(FloatPair start, FloatPair step, float n) { return s
 BIGTRI_HD bool pair_depth(FloatPair start, FloatPair dzdx, float n, float error, float* z) {
   const FloatPair p = two_product(dzdx.hi, n), s = two_sum(start.hi, p.hi);
   return rounds_alike(s.hi, s.lo + (start.lo + multiply_add(dzdx.lo, n, p.lo)), error, z);
+}
+
+// The same for lines of pixels, each anchored at a pixel that is covered, where N is below zmax - zmin: what the lines of a
+// triangle have in common.
+struct PairLines {
+  FloatPair d1, d2, by_area, step;  // step: the change from pixel to pixel
+  float fixed, per_px;  // PairError
+};
+BIGTRI_HD PairLines pair_lines(const int32_t x[3], const int32_t y[3], const float z[3], int64_t area, bool columns) {
+  const Edge e1 = edge_of(x, y, 1), e2 = edge_of(x, y, 2);
+  PairLines p;
+  p.d1 = two_sum(z[1], -z[0]);
+  p.d2 = two_sum(z[2], -z[0]);
+  p.by_area = inverse(pair_of(area));
+  p.step = weighted_pair(columns ? (float)e1.dx : -(float)e1.dy, columns ? (float)e2.dx : -(float)e2.dy, p.d1, p.d2,
+                         {kSubpixel * p.by_area.hi, kSubpixel * p.by_area.lo});
+  const PairError error = pair_error(x, y, z, p.by_area.hi);
+  p.fixed = error.fixed;
+  p.per_px = error.per_px;
+  return p;
+}
+// The plane at a covered pixel.
+BIGTRI_HD FloatPair pair_line_start(const PairLines& p, const int32_t x[3], const int32_t y[3], float z0, int px,
+                                    int py) {
+  const FloatPair g1 = pair_of(edge_value(edge_of(x, y, 1), pixel_centre(px), pixel_centre(py))),
+                  g2 = pair_of(edge_value(edge_of(x, y, 2), pixel_centre(px), pixel_centre(py)));
+  return sum({z0, 0.0f}, weighted_pair(g1, g2, p.d1, p.d2, p.by_area));
 }
 
 // What corner_plane bounds, for a plane of pair_cell_plane(): no covered pixel of the rectangle is nearer, as computed in
