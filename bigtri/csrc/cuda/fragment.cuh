@@ -73,7 +73,7 @@ struct PairEntry : EntryFlags<PairEntry> {
   __device__ __forceinline__ PairPlane plane() const { return {z, dzdx, dzdy, error}; }
 };
 using PatchEntry = std::conditional_t<kPairDepth, PairEntry, Entry>;
-static_assert(sizeof(PairEntry) == sizeof(Entry), "the host gives shared memory for either");
+static_assert(sizeof(PatchEntry) == sizeof(Entry), "the host, which knows the latter, gives shared memory");
 static_assert(kRecordLarge < 8 && kRecordThin < 8 && kRecordFar < 8, "flags fit beside the slot");
 
 // What a record and an area of a bin have to do with each other. Anchor: what it knows of the plane.
