@@ -1,8 +1,8 @@
 // Depth of pixels without float64, for GPUs on which that is slow: the twin of depth.h in pairs of float32, for the rule
 // kFloat64Cell. A pair says which float32 the plane of depth.h, which is float64, rounds to, or that it cannot say.
 //
-// Let zmax and zmin be the vertices' extreme depths, all >= 0, A twice the area, and of the edges' lengths L the sum of
-// |dx| + |dy|, in px: l = s L / A, s = 256 subpx a px. Let (x, y) be a covered pixel.
+// Let zmax and zmin be the vertices' extreme depths, all >= 0, A twice the area, subpx^2, L the sum of |dx| + |dy| over the
+// edges, subpx, and l = s L / A, with s subpx a px: what edge values change by from pixel to pixel, of A.
 //
 // What depth.h computes in float64 is off from the exact plane by (1 + 128 l) 2^-50 zmax at most. The edge values at a
 // covered pixel add up to A, so those at the cell's first pixel, at most 63 px away along either axis, to (1 + 63 l) A
@@ -42,8 +42,8 @@ struct PairPlane {
   float error;  // bounds how far the plane, as computed at a covered pixel, is off from that in float64, as computed
 };
 
-// What the bounds are made of: for N + G + H of zmax - zmin at most, or of nothing where that is 0; and what to add for
-// the l of each px, and for 2 l E.
+// What the bounds are made of: where N + G + H <= zmax - zmin; what to add for each px times l beyond that; and for twice
+// the longer side times l.
 struct PairError {
   float fixed, per_px, per_side;
 };
