@@ -69,7 +69,8 @@ static_assert(3 * FewShared<kMostWarps>::kMost * sizeof(Vertex) <= sizeof(PatchS
               "begin_turn writes behind what set-up uses");
 static_assert(sizeof(FewShared<kMostWarps>) <= 64 * 1024, "as much as a block can have on all devices");
 
-// Sets up the triangles; returns how many were dropped. By all threads.
+// Sets up the triangles; returns how many were dropped. Where float64 is slow, patches make planes by pairs, and records
+// have none. By all threads.
 template <int kWarps>
 __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) {
   constexpr int kThreads = kWarps * kWarp;
@@ -98,7 +99,7 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) 
     const Vertex v[3] = {s->corners[corner[0]], s->corners[corner[1]], s->corners[corner[2]]};
     fate = assemble(f, v, &p);
     if (fate == Fate::kWhole) {
-      fill_record(p, f.first_triangle + t, &s->records[t]);
+      fill_record<!kPairDepth>(p, f.first_triangle + t, &s->records[t]);
       s->boxes[t] = box_of(s->records[t]);
     }
     if (fate == Fate::kClip) s->waiting[0][atomicAdd(&s->waiting_count[0], 1)] = (uint16_t)t;
@@ -135,7 +136,7 @@ __device__ __noinline__ void clip_few(const Frame& f, FewShared<kWarps>* s, int 
         }
       } else if (have) {
         at += __popc(all & lanes_below());
-        fill_record(part, f.first_triangle + triangle, &s->records[at]);
+        fill_record<!kPairDepth>(part, f.first_triangle + triangle, &s->records[at]);
         s->boxes[at] = box_of(s->records[at]);
       }
       __syncwarp();
