@@ -33,7 +33,14 @@ struct CellDepth {
   bool far;                                          // kRecordFar
 };
 
-BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* d) {
+// The unbiased edges at the centre of the cell's first pixel, subpx^2.
+BIGTRI_INLINE void cell_edges(const Record& r, int bin_x, int bin_y, int64_t e[3]) {
+  for (int k = 0; k < 3; ++k)
+    e[k] = edge_value(edge_of(r.x, r.y, k), pixel_centre(bin_x * kBin), pixel_centre(bin_y * kBin));
+}
+
+// cell: cell_edges.
+BIGTRI_INLINE void cell_depth(const Record& r, const int64_t cell[3], CellDepth* d) {
   d->zmin = r.zmin;
   d->zmax = r.zmax;
   d->triangle = r.triangle;
@@ -42,13 +49,13 @@ BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* 
   if (!d->thin) {
     d->dzdx = r.dzdx;
     d->dzdy = r.dzdy;
-    d->zcell = depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin);
+    d->zcell = depth_from_edges(cell, r.z, r.area);
     return;
   }
   d->area = r.area.value;
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(r.x, r.y, k);
-    d->e[k] = (DepthNumber)edge_value(e, pixel_centre(bin_x * kBin), pixel_centre(bin_y * kBin));
+    d->e[k] = (DepthNumber)cell[k];
     d->ex[k] = -(DepthNumber)kSubpixel * e.dy;
     d->ey[k] = (DepthNumber)kSubpixel * e.dx;
     d->z[k] = r.z[k];
