@@ -12,8 +12,8 @@ from ..clip import clip_planes
 from ..coverage import fills, is_inside, sides_of
 from ..depth import bound_depth, depth
 from ..numerics import BIN, TILE, TILES
-from ..tile_mask import tile_mask
 from ..records import Records
+from ..tile_mask import tile_mask
 from ..work import Job, Pixels, boxed_tiles, load, pack, record_bytes
 
 # Of the variant's parameters; kStandardRecords and kStandardCandidates of csrc/cpu/bin_owned.cpp.
