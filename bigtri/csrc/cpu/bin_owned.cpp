@@ -257,13 +257,13 @@ class Drawing {
     const int64_t wanted = std::min({(int64_t)(parallel_.threads > 1 ? 4 * parallel_.threads : 1), total / 2048 + 1,
                                      std::max<int64_t>(1, kMostCounts / bins)});
     std::vector<int64_t> bounds = {begin}, pair_begin = {0};
-    int64_t sum = 0;
-    for (int64_t i = begin; i < end; ++i) {
+    int64_t sum = 0, next = total / wanted;  // the sum at which the next run begins
+    for (int64_t i = begin; (int64_t)bounds.size() < wanted && i + 1 < end; ++i) {
       sum += candidates[i];
-      if (sum >= (int64_t)bounds.size() * total / wanted && i + 1 < end && (int64_t)bounds.size() < wanted) {
-        bounds.push_back(i + 1);
-        pair_begin.push_back(sum);
-      }
+      if (sum < next) continue;
+      bounds.push_back(i + 1);
+      pair_begin.push_back(sum);
+      next = (int64_t)bounds.size() * total / wanted;
     }
     const int64_t runs = (int64_t)bounds.size();
     bounds.push_back(end);
@@ -385,28 +385,34 @@ class Drawing {
   Counts counts_;
 };
 
-// How many views a thread takes at a time, to draw them by itself; 0 where all threads draw the same views together. By
-// itself it waits for nobody, and what set-up has written is in its own cache. That needs many views for each thread,
-// since the last one's work is what the others wait for, and views so small that those of all threads stay within the
-// bounds of one batch and one group.
-int64_t views_at_a_time(const CheckedFrame& frame, int threads, int64_t most_records) {
+// A part of all views for one thread: how many views it draws at a time, 0 where all threads draw the same views
+// together, and the most records that it sets up at once.
+struct Share {
+  int64_t views, most_records;
+};
+
+// By itself a thread waits for nobody, and what set-up has written is in its own cache. That needs many views for each
+// thread, since the last one's work is what the others wait for, and small ones: the records of a view fit a batch, those
+// of all threads together are no more than a batch or kRecordsToJoin each, and all vertices no more than a group.
+Share share_of(const CheckedFrame& frame, int threads, int64_t most_records) {
   const int64_t used = frame.count ? frame.highest - frame.lowest + 1 : 0;
-  if (threads == 1 || frame.views < kViewsPerThread * threads || !frame.view_stride || !used) return 0;
-  if (frame.count > most_records / threads || used > kGroupVertices / threads) return 0;
-  return std::clamp<int64_t>(kRecordsToJoin / frame.count, 1, frame.views / (kViewsPerThread * threads));
+  const int64_t most = std::max(most_records / threads, std::min(most_records, kRecordsToJoin));
+  if (threads == 1 || frame.views < kViewsPerThread * threads || !frame.view_stride || !used) return {0, 0};
+  if (frame.count > most || used > kGroupVertices / threads) return {0, 0};
+  return {std::clamp<int64_t>(kRecordsToJoin / frame.count, 1, frame.views / (kViewsPerThread * threads)), most};
 }
 
 void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
   const int threads = parallel.threads;
   const int64_t most_records = values[kRecords], most_candidates = values[kCandidates];
   const Stores stores = stores_of(frame, threads);
-  const int64_t together = views_at_a_time(frame, threads, most_records);
-  if (!together) {
+  const Share share = share_of(frame, threads, most_records);
+  if (!share.views) {
     Drawing(frame, parallel, most_records, most_candidates, stores).draw();
     return;
   }
-  parallel((frame.views + together - 1) / together, [&](int64_t i) {
-    const int64_t first = i * together, count = std::min(together, frame.views - first);
+  parallel((frame.views + share.views - 1) / share.views, [&](int64_t i) {
+    const int64_t first = i * share.views, count = std::min(share.views, frame.views - first);
     CheckedFrame part = frame;
     static_cast<Frame&>(part) = views_of(frame, first, (int32_t)count);
     ShadeJob picture;
@@ -416,7 +422,8 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
     }
     Stores here = stores;
     here.rows_in_cache -= first * frame.view.width * frame.view.height;
-    Drawing(part, Parallel{1}, most_records / threads, std::max<int64_t>(most_candidates / threads, 1), here).draw();
+    const int64_t candidates = std::max<int64_t>(most_candidates / threads, 1);
+    Drawing(part, Parallel{1}, share.most_records, candidates, here).draw();
   });
 }
 
