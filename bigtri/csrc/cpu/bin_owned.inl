@@ -194,7 +194,7 @@ BIGTRI_INLINE void draw_small_record(const Record& r, int bin_x, int bin_y, Scra
   int64_t cell[3];
   cell_edges(r, bin_x, bin_y, cell);
   CellDepth d;
-  cell_depth(r, cell, &d);
+  cell_depth(r, bin_x, bin_y, depth_from_edges(cell, r.z, r.area), &d);
   if (d.thin) {
     if (d.far)
       draw_small<true, true>(r, d, cell, bin_x, bin_y, s);
@@ -244,9 +244,7 @@ void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, 
       continue;
     }
     Large& l = s->block[count];
-    int64_t cell[3];
-    cell_edges(r, bin_x, bin_y, cell);
-    cell_depth(r, cell, &l.depth);
+    cell_depth(r, bin_x, bin_y, &l.depth);
     l.nearest = nearest_depth(l.depth, 0, 0, kBin);
     if (l.nearest > bin_far) {
       s->counts.add(Counter::bins_hidden, 1);

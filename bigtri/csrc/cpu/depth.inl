@@ -39,8 +39,13 @@ BIGTRI_INLINE void cell_edges(const Record& r, int bin_x, int bin_y, int64_t e[3
     e[k] = edge_value(edge_of(r.x, r.y, k), pixel_centre(bin_x * kBin), pixel_centre(bin_y * kBin));
 }
 
-// cell: cell_edges.
-BIGTRI_INLINE void cell_depth(const Record& r, const int64_t cell[3], CellDepth* d) {
+// The depth of a record's plane at the cell's first pixel centre; of a thin record, which has none, any number.
+BIGTRI_INLINE DepthNumber cell_anchor(const Record& r, int bin_x, int bin_y) {
+  return is_thin(r) ? 0 : depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin);
+}
+
+// anchor: cell_anchor of the cell, where it is known already.
+BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, DepthNumber anchor, CellDepth* d) {
   d->zmin = r.zmin;
   d->zmax = r.zmax;
   d->triangle = r.triangle;
@@ -49,10 +54,12 @@ BIGTRI_INLINE void cell_depth(const Record& r, const int64_t cell[3], CellDepth*
   if (!d->thin) {
     d->dzdx = r.dzdx;
     d->dzdy = r.dzdy;
-    d->zcell = depth_from_edges(cell, r.z, r.area);
+    d->zcell = anchor;
     return;
   }
   d->area = r.area.value;
+  int64_t cell[3];
+  cell_edges(r, bin_x, bin_y, cell);
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(r.x, r.y, k);
     d->e[k] = (DepthNumber)cell[k];
@@ -60,6 +67,9 @@ BIGTRI_INLINE void cell_depth(const Record& r, const int64_t cell[3], CellDepth*
     d->ey[k] = (DepthNumber)kSubpixel * e.dx;
     d->z[k] = r.z[k];
   }
+}
+BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* d) {
+  cell_depth(r, bin_x, bin_y, cell_anchor(r, bin_x, bin_y), d);
 }
 
 // The plane's terms for every row and column of the cell. The depth of a pixel is then one addition.

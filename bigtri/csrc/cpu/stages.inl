@@ -177,13 +177,10 @@ void stage_depth(const int32_t* xy, const float* z, const int64_t* area, const i
         p.area = area[s[0]];
         p.x0 = p.y0 = p.x1 = p.y1 = 0;
         fill_record(p, 0, &r);
-        if constexpr (kPlainPlane) {
-          int64_t cell[3];
-          cell_edges(r, (int)cell_x, (int)cell_y, cell);
-          cell_depth(r, cell, &d);
-        } else {
+        if constexpr (kPlainPlane)
+          cell_depth(r, (int)cell_x, (int)cell_y, &d);
+        else
           ladder = depth_in_cell(r, (int)cell_x, (int)cell_y);
-        }
         last_record = s[0];
         last_x = cell_x;
         last_y = cell_y;
