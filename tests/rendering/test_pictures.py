@@ -212,6 +212,22 @@ def test_a_batch_is_its_views(backend):
         assert np.array_equal(render(scene, camera, (33, 47), backend=backend, supersample=2), image)
 
 
+@needs_native
+def test_many_views_are_drawn_by_a_thread_each():
+    rng = np.random.default_rng(6)
+    scene, cameras = random_scene(rng), [random_camera(rng) for _ in range(17)]
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        together = buffers_of(scene, cameras, (33, 47), plan=EVERYTHING, backend="native")
+        torch.set_num_threads(1)
+        for k, camera in enumerate(cameras):
+            alone = buffers_of(scene, camera, (33, 47), plan=EVERYTHING, backend="native")
+            assert all(np.array_equal(a[k], b) for a, b in zip(together, alone, strict=True)), k
+    finally:
+        torch.set_num_threads(before)
+
+
 def half_covered() -> tuple[Scene, Camera]:
     """A white wall over the left half of a picture 9 px wide, so that it ends in the middle of a pixel."""
     corners = np.float32([(-9, -9, 0), (0, -9, 0), (0, 9, 0), (-9, 9, 0)])

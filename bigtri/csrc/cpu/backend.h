@@ -170,8 +170,8 @@ void encode_srgb(const float* linear, const float* thresholds, int64_t count, ui
 
 // Shades a whole visibility buffer.
 void shade_views(const ShadeJob& job, const Parallel& parallel);
-// One view of a job, as a job; packed is the caller's to set.
-ShadeJob view_of(const ShadeJob& job, int64_t view);
+// The views [first, first + count) of a job, as a job; packed is the caller's to set.
+ShadeJob views_of(const ShadeJob& job, int64_t first, int64_t count);
 
 // What ShadeJob::background points to, for a job that has all the rest.
 std::vector<uint8_t> background_rows(const ShadeJob& job);
