@@ -358,7 +358,7 @@ class Drawing {
       char* scratch = scratch_.get() + slot * scratch_bytes(frame_);
       scratch += -(uintptr_t)scratch & 63;  // up to the next multiple of 64 bytes
       char* shade_scratch = scratch + kScratchBytes;
-      if (job_.shade && !shade_begun_[slot]) job_.shade->kernels->begin(shade_scratch);
+      if (job_.shade && !shade_begun_[slot]) job_.shade->kernels->begin(*job_.shade, shade_scratch);
       shade_begun_[slot] = 1;
       kernels_.raster_bins(job_, runs[run], (int)(runs[run + 1] - runs[run]), scratch, shade_scratch);
     });

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "attributes.inl"
+#include "texture.inl"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -55,6 +56,9 @@ struct ShadeScratch {
   int count, segments;
   float linear[3][kBin];  // of a row of samples, where several make a pixel
   bool covered[kBin];
+#if BIGTRI_SIMD >= 512
+  CodeTable codes;
+#endif
   // The triangles that were met last, each at the place that its index's lowest bits name.
   Shaded shaded[1 << kShadedBits];
   int64_t clipped_key;  // what `clipped` holds
@@ -63,8 +67,11 @@ struct ShadeScratch {
 };
 static_assert(sizeof(ShadeScratch) <= kShadeScratchBytes, "scratch");
 
-void shade_begin(void* memory) {
+void shade_begin(const ShadeJob& job, void* memory) {
   ShadeScratch* s = (ShadeScratch*)memory;
+#if BIGTRI_SIMD >= 512
+  fill_code_table(job.decoded8, &s->codes);
+#endif
   for (Shaded& shaded : s->shaded) shaded.key = -1;
   s->clipped_key = -1;
   s->count = s->segments = 0;
