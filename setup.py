@@ -99,7 +99,8 @@ def with_ladder() -> bool:
 
 def variants_of(kind: str) -> dict[str, list[str]]:
     """By rung, the variants that are compiled for it; ``kind`` is "cpu" or "cuda"."""
-    listed = re.findall(rf"#define BIGTRI_{kind.upper()}_VARIANTS_(\w+)\(X\)(.*)", (CSRC / kind / "variants.h").read_text())
+    lists = rf"#define BIGTRI_{kind.upper()}_VARIANTS_(\w+)\(X\)((?:.*\\\n)*.*)"  # a list may be continued
+    listed = re.findall(lists, (CSRC / kind / "variants.h").read_text())
     return {rung: re.findall(r"\bX\((\w+)\)", names) for rung, names in listed}
 
 
@@ -137,7 +138,11 @@ def cuda_sources() -> list[str]:
     found = [str(f) for f in [*(f for f in files if f not in each), *sorted(CSRC.glob("torch/cuda_*.cpp"))]]
     for rung in RUNGS + with_ladder() * LADDER:
         elsewhere = {name for names in variants.values() for name in names} - {*variants[rung]}
-        found += [per_rung(f, rung) for f in each if f.stem not in elsewhere]
+        if rung in DRAWN_AS_EXACT:
+            own = [f for f in each if f.stem in ("attributes", "shade", "variants")]
+        else:
+            own = [f for f in each if f.stem not in elsewhere]
+        found += [per_rung(f, rung) for f in own]
     return found
 
 

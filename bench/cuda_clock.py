@@ -1,4 +1,4 @@
-"""How GPU time is measured, and the rows it goes into. cuda_run.py, cuda_best.py and cuda_scaling.py share it.
+"""How GPU time is measured, and the rows it goes into. cuda_run.py, best.py and cuda_scaling.py share it.
 
 Four methods by CUDA events, in microseconds for a frame, or for a batch of them:
 * `graph`: the replay of a CUDA graph that holds one frame;
@@ -7,7 +7,8 @@ Four methods by CUDA events, in microseconds for a frame, or for a batch of them
 * `cold`: as `graph`, after a buffer of 256 MB has been zeroed, which leaves nothing else in the L2 cache.
 
 A kernel that only waits runs in front of every measurement, for longer than the host needs to enqueue it: the host's time is
-never in it. It does contain what starting a graph or a kernel costs the GPU.
+never in it. It does contain what starting a graph or a kernel costs the GPU. What is drawn on the CPU has the method
+`wall`: the time of the call.
 
 The host's own time is what `host` says: how long a call takes to come back, by the wall clock, without waiting for the GPU.
 """
@@ -139,7 +140,7 @@ class CudaClock:
 
 
 class WallClock:
-    """The host's clock in place of the GPU's, for dry runs: the methods differ in name only."""
+    """The host's clock, of what is drawn on the CPU and of dry runs: the methods differ in name only."""
 
     def once(self, call: Call) -> float:
         start = time.perf_counter()
@@ -192,7 +193,7 @@ def take_turns(clock: Clock, replays: dict[str, Call], seconds: float) -> dict[s
 
 
 def clock_for(device: torch.device) -> Clock:
-    """The GPU's clock with the GPU warm; the host's for a dry run on the CPU."""
+    """The GPU's clock with the GPU warm; the host's for the CPU."""
     if device.type == "cpu":
         return WallClock()
     warm_up()
@@ -267,8 +268,12 @@ class Machine(NamedTuple):
     command: str
 
 
-def machine() -> Machine:
-    device = torch.cuda.get_device_name() if torch.cuda.is_available() else f"dry run: {provenance.device()}"
+def machine(kind: str = "cuda") -> Machine:
+    """kind: of the device that is measured; without a GPU it is a dry run."""
+    if kind == "cpu":
+        device = f"{provenance.device()}, {torch.get_num_threads()} threads"
+    else:
+        device = torch.cuda.get_device_name() if torch.cuda.is_available() else f"dry run: {provenance.device()}"
     # A copy without .git is told its commit.
     commit = os.environ.get("BIGTRI_COMMIT") or provenance.commit()
     return Machine(device, driver(), torch.__version__, torch.version.cuda or "", commit, provenance.command())

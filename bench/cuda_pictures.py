@@ -21,19 +21,17 @@ import argparse
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import cuda_clock
 import numpy as np
 import torch
 from cuda_cases import batch, device_for
 from cuda_clock import Clock, Job, Machine, Row, text_of
+from picture_scenes import target
 
 import bigtri
 from bigtri import Camera, Scene
-from bigtri.ops import shade as pictures
-from bigtri.precision import RUNGS, Arithmetic
-from bigtri.reference.shade import Surface
+from bigtri.precision import RUNGS
 from bigtri.scene.normals import smooth_normals, weld
 from bigtri.scene.plan import plan_for
 from bigtri.study import benchmark, courtyard, meshes
@@ -55,49 +53,6 @@ def body(cells: int) -> Scene:
     return Scene(vertices, mesh.triangles, uvs=uvs, normals=normals, materials=(material,), lights=lights)
 
 
-class Target(NamedTuple):
-    """What is drawn, on one device, and memory for it."""
-
-    positions: torch.Tensor  # float32 [B, V, 4]
-    triangles: torch.Tensor  # int32 [T, 3]
-    surface: Surface[torch.Tensor]
-    packed: torch.Tensor  # int64 [B, samples * H, samples * W]
-    image: torch.Tensor  # uint8 [B, H, W, 3]
-    samples: int
-    arithmetic: Arithmetic
-
-    def draw(self) -> None:
-        nothing = pictures.Made()
-        given = self.positions, self.triangles, "none", self.surface, self.image, self.samples
-        pictures.draw(*given, nothing, None, self.arithmetic, "native")
-
-    def shade(self) -> None:
-        nothing = pictures.Made()
-        given = self.packed, self.positions, self.triangles, self.surface, self.image
-        pictures.shade(*given, nothing, self.arithmetic, "native")
-
-    def rasterize(self) -> None:
-        (_, height, width), precision = self.packed.shape, self.arithmetic.precision
-        bigtri.rasterize(self.positions, self.triangles, (height, width), depth=False, out=self.packed, precision=precision)
-
-
-def target(scene: Scene, cameras: list[Camera], job: Job, samples: int, precision: str, device: torch.device) -> Target:
-    """A scene as its cameras see it, ready to be drawn."""
-    tensors = scene.on(device)
-    aspect = job.width / job.height
-    clip = np.stack([camera.transform(scene.positions, aspect, scene.origin) for camera in cameras])
-    shape = (job.views, job.height * samples, job.width * samples)
-    return Target(
-        torch.from_numpy(clip).to(device),
-        tensors.triangles,
-        tensors.surface(plan_for(scene), scene.background),
-        torch.empty(shape, dtype=torch.int64, device=device),
-        torch.empty((job.views, job.height, job.width, 3), dtype=torch.uint8, device=device),
-        samples,
-        RUNGS[precision],
-    )
-
-
 def cameras_of(name: str, scene: Scene, job: Job) -> list[Camera]:
     """The courtyard's own camera; or cameras around a body or a model, which fills the picture."""
     if name == "courtyard":
@@ -116,9 +71,10 @@ class Bench:
     def picture(self, name: str, scene: Scene, job: Job) -> None:
         samples, precision = self.options.supersample, self.options.precision
         cameras = cameras_of(name, scene, job)
-        on_cpu = target(scene, cameras, job, samples, precision, torch.device("cpu"))
+        given = scene, cameras, (job.height, job.width), plan_for(scene), samples, precision
+        on_cpu = target(*given, torch.device("cpu"))
         on_cpu.draw()
-        one = target(scene, cameras, job, samples, precision, self.device)
+        one = target(*given, self.device)
         one.rasterize()
         calls: dict[str, Callable[[], None]] = {"drawing": one.rasterize, "pass": one.shade, "picture": one.draw}
         medians = {}

@@ -1,12 +1,15 @@
 """Nothing for nothing: what each effect of a picture costs, and what is saved where a scene does not call for it.
 
 For each scene the plans take turns: the minimal one, the same again (the noise), the minimal one with each effect that the scene
-does not call for forced on, with each that it does call for left out, and all effects at once. One thread, so that a
-nanosecond a covered pixel is one of a core's. What is forced on changes no bit, which is checked; what is left out makes
-another picture, which is the point of it.
+does not call for forced on, with each that it does call for left out, and all effects at once. What is forced on changes no bit,
+which is checked; what is left out makes another picture, which is the point of it.
+
+On the CPU a call of `render` is timed, by one thread, so that a nanosecond a covered pixel is one of a core's. On a GPU it is the
+operator `draw`, from vertices in clip space to the picture, replayed as a CUDA graph; a covered pixel then costs picoseconds.
 
     python bench/effects.py --csv bench/results/effects_cpu.csv --docs docs/effects.md --plot docs/img/effects.png
     python bench/effects.py --quick
+    python bench/effects.py --device cuda --csv build/effects.csv
     python bench/effects.py --scenes Duck.glb,bunny.ply,Rcourtyard
 """
 
@@ -16,7 +19,9 @@ import argparse
 import dataclasses
 import functools
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import markdown
 import numpy as np
@@ -43,8 +48,8 @@ class Row:
     plan: str  # "minimal", "again", "everything", "with EFFECT" or "without EFFECT"
     width: int  # px
     height: int  # px
-    threads: int
-    isa: str
+    threads: int  # 0 on a GPU
+    isa: str  # "cuda" on a GPU
     covered_px: int
     ms_median: float
     ms_min: float
@@ -70,27 +75,57 @@ def plans_of(minimal: RenderPlan) -> dict[str, RenderPlan]:
     return plans | {ALL: EVERYTHING}
 
 
-def measure(pictured: Pictured, width: int, height: int, threads: int, seconds: float) -> list[Row]:
-    """Times all plans of a scene, about `seconds` in all, and prints a line for each."""
-    scene, camera = pictured.scene.on("cpu"), pictured.camera(width / height)
-    plans = plans_of(plan_for(pictured.scene))
-    draw = functools.partial(render, scene, camera, (height, width), backend="native")
-    with setting(threads):
-        expected, buffers = render(scene, camera, (height, width), backend="native", return_buffers=True)
-        covered = int((buffers.visibility.triangle >= 0).sum())
+class Case(NamedTuple):
+    """A scene on the device that draws it."""
+
+    pictured: Pictured
+    width: int  # px
+    height: int  # px
+    device: torch.device
+
+    def calls(self, plans: dict[str, RenderPlan], expected: torch.Tensor) -> dict[str, Callable[[], object]]:
+        """What draws the picture by each plan.
+
+        Raises:
+            AssertionError: a plan that leaves nothing out gives another picture.
+        """
+        size, camera = (self.height, self.width), self.pictured.camera(self.width / self.height)
+        calls: dict[str, Callable[[], object]] = {}
+        scene = self.pictured.scene.on("cpu")
         for name, plan in plans.items():
-            if not name.startswith("without") and not torch.equal(draw(plan=plan), expected):
-                raise AssertionError(f"{pictured.name}: plan {name!r} gives another picture")
-        calls = {name: functools.partial(draw, plan=plan) for name, plan in plans.items()}
-        times = {name: np.array(ms) for name, ms in interleaved(calls, seconds).items()}
+            if self.device.type == "cpu":
+                calls[name] = functools.partial(render, scene, camera, size, backend="native", plan=plan)
+                image = render(scene, camera, size, backend="native", plan=plan)
+            else:
+                target = picture_scenes.target(self.pictured.scene, [camera], size, plan, 1, "exact", self.device)
+                calls[name] = target.draw
+                target.draw()
+                image = target.image[0].cpu()
+            if not name.startswith("without") and not torch.equal(image, expected):
+                raise AssertionError(f"{self.pictured.name}: plan {name!r} gives another picture")
+        return calls
+
+
+def measure(case: Case, threads: int, seconds: float) -> list[Row]:
+    """Times all plans of a scene, about `seconds` in all, and prints a line for each."""
+    pictured, width, height, device = case
+    plans = plans_of(plan_for(pictured.scene))
+    on_gpu = device.type == "cuda"
+    with setting(threads):
+        camera, size = pictured.camera(width / height), (height, width)
+        expected, buffers = render(pictured.scene.on("cpu"), camera, size, backend="native", return_buffers=True)
+        covered = int((buffers.visibility.triangle >= 0).sum())
+        calls = case.calls(plans, expected)
+        times = {name: np.array(ms) for name, ms in interleaved(calls, seconds, device=device.type).items()}
     rows = []
     for name, ms in times.items():
         low, more, high = np.percentile(ms - times[MINIMAL], [25, 50, 75]) * 1e6 / covered
         ratio = float(np.median(ms / times[MINIMAL]))
-        case = (pictured.name, len(pictured.scene.triangles), name, width, height, threads, native.isa(), covered)
-        rows.append(Row(*case, *summary(ms.tolist()), float(more), float(low), float(high), ratio))
+        who = (0, "cuda") if on_gpu else (threads, native.isa())
+        named = (pictured.name, len(pictured.scene.triangles), name, width, height, *who, covered)
+        rows.append(Row(*named, *summary(ms.tolist()), float(more), float(low), float(high), ratio))
         print(
-            f"{pictured.name:18} {name:24} {rows[-1].ms_median:9.3f} {more:8.2f} ({low:.2f} to {high:.2f}) {ratio:6.2f}",
+            f"{pictured.name:18} {name:24} {rows[-1].ms_median:9.4f} {more:9.4f} ({low:.4f} to {high:.4f}) {ratio:6.3f}",
             flush=True,
         )
     return rows
@@ -103,7 +138,9 @@ def effect_of(row: Row) -> str:
 
 def cell(row: Row) -> str:
     """A figure of the table: what leaving out an effect that is called for saves, in bold, or what forcing it on costs."""
-    return f"**{-row.ns_more:.2f}**" if row.plan.startswith("without") else f"{row.ns_more:.2f}"
+    more = -row.ns_more if row.plan.startswith("without") else row.ns_more
+    text = f"{1e3 * more:.1f}" if row.isa == "cuda" else f"{more:.2f}"
+    return f"**{text}**" if row.plan.startswith("without") else text
 
 
 def table(rows: list[Row]) -> str:
@@ -111,29 +148,32 @@ def table(rows: list[Row]) -> str:
     lines = []
     for name in dict.fromkeys(row.scene for row in rows):
         of = {effect_of(row): row for row in rows if row.scene == name}
-        lines.append([name, f"{of[MINIMAL].ms_median:.3g}", of[MINIMAL].covered_px, *(cell(of[effect]) for effect in effects)])
+        minimal = of[MINIMAL].ms_median * (1e3 if of[MINIMAL].isa == "cuda" else 1)
+        lines.append([name, f"{minimal:.3g}", of[MINIMAL].covered_px, *(cell(of[effect]) for effect in effects)])
         lines[-1].append(f"{100 * (1 - 1 / of[ALL].ratio):.1f} %")
     heads = [{AGAIN: "A/A", ALL: "all on"}.get(effect, effect) for effect in effects]
-    return markdown.table(["", "minimal, ms", "covered px", *heads, "saved"], lines)
+    unit = "us" if rows[0].isa == "cuda" else "ms"
+    return markdown.table(["", f"minimal, {unit}", "covered px", *heads, "saved"], lines)
 
 
 def plot(rows: list[Row], path: Path) -> None:
-    """A panel for each scene: nanoseconds a covered pixel of each effect, quartiles as whiskers."""
+    """A panel for each scene: what each effect costs a covered pixel, quartiles as whiskers."""
     from plot import COLORS, caption, plt, save
 
+    scale, unit = (1e3, "ps") if rows[0].isa == "cuda" else (1, "ns")
     names = list(dict.fromkeys(row.scene for row in rows))
     figure, panels = plt.subplots(1, len(names), figsize=(2.2 + 1.9 * len(names), 3.6), sharey=True, sharex=True, squeeze=False)
     for axes, name in zip(panels[0], names, strict=True):
         shown = [row for row in rows if row.scene == name and row.plan != MINIMAL][::-1]
         sign = [-1 if row.plan.startswith("without") else 1 for row in shown]
-        ns = [s * row.ns_more for s, row in zip(sign, shown, strict=True)]
-        reach = [[abs(row.ns_more - p) for row, p in zip(shown, ps, strict=True)] for ps in quartiles(shown, sign)]
+        ns = [scale * s * row.ns_more for s, row in zip(sign, shown, strict=True)]
+        reach = [[scale * abs(row.ns_more - p) for row, p in zip(shown, ps, strict=True)] for ps in quartiles(shown, sign)]
         colors = [COLORS["bigtri"] if s < 0 else COLORS["llvmpipe"] for s in sign]
         axes.barh([effect_of(row) for row in shown], ns, xerr=reach, color=colors, capsize=2)
         axes.set_title(name, loc="left", size=9)
         axes.grid(axis="x", alpha=0.3)
         axes.set_axisbelow(True)
-    panels[0, 0].set_xlabel("ns a covered pixel")
+    panels[0, 0].set_xlabel(f"{unit} a covered pixel")
     handles = [plt.Rectangle((0, 0), 1, 1, color=COLORS[key]) for key in ("bigtri", "llvmpipe")]
     figure.legend(
         handles, ["called for: what it costs", "forced on: what it would cost"], frameon=False, ncols=2, loc="upper right"
@@ -153,10 +193,13 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="two scenes, two seconds each")
     parser.add_argument("--scenes", help=f"names and model files (default {','.join(picture_scenes.DEFAULT)})")
     parser.add_argument("--size", type=option_types.size, default="1080p", help="default 1080p")
-    parser.add_argument("--threads", type=option_types.count, default=1, help="default 1")
+    parser.add_argument("--threads", type=option_types.count, default=1, help="of the CPU (default 1)")
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="default cpu")
     parser.add_argument("--seconds", type=option_types.seconds, help="time for each scene (default 15; quick 2)")
     parser.add_argument("--csv", metavar="FILE", type=option_types.csv_file, help="write the rows there")
-    parser.add_argument("--docs", metavar="PAGE", type=Path, help="put the table between the markers 'effects' of this page")
+    parser.add_argument(
+        "--docs", metavar="PAGE", type=Path, help="put the table between this page's markers 'effects' or 'effects cuda'"
+    )
     parser.add_argument("--plot", metavar="FILE", type=Path, help="draw a picture of it (wants matplotlib)")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
@@ -166,19 +209,22 @@ def main() -> None:
     print(f"{'scene':18} {'plan':24} {'median ms':>9} {'ns more a covered pixel (quartiles)':>20}  times minimal")
     rows: list[Row] = []
     width, height = arguments.size
+    if arguments.device not in native.devices():
+        parser.error(f"--device cuda: no GPU, or the extension is not built for CUDA (devices: {', '.join(native.devices())})")
+    device = torch.device(arguments.device)
     seconds = arguments.seconds or (2.0 if arguments.quick else 15.0)
     for name in names:
         try:
             pictured = picture_scenes.make(name)
         except ValueError as error:
             parser.error(str(error))
-        rows += measure(pictured, width, height, arguments.threads, seconds)
+        rows += measure(Case(pictured, width, height, device), arguments.threads, seconds)
         if arguments.csv:
             benchmark.write_csv(arguments.csv, rows)
     text = table(rows)
     print(f"\n{text}")
     if arguments.docs:
-        markdown.paste(arguments.docs, "effects", text)
+        markdown.paste(arguments.docs, "effects cuda" if arguments.device == "cuda" else "effects", text)
     if arguments.plot:
         plot(rows, arguments.plot)
 

@@ -15,7 +15,7 @@
 #   BIGTRI_WHEELS   folder of wheels to install first, without a network; nothing is installed otherwise
 #   BIGTRI_COMMIT   what the rows say where there is no .git
 #   MODELS          files for the step models
-#   TEST_ARGS BENCH_ARGS BEST_ARGS SCALING_ARGS   more arguments for pytest, cuda_run.py, cuda_best.py, cuda_scaling.py
+#   TEST_ARGS BENCH_ARGS BEST_ARGS SCALING_ARGS   more arguments for pytest, cuda_run.py, best.py, cuda_scaling.py
 #   BUILD_TIMEOUT TEST_TIMEOUT BENCH_TIMEOUT BEST_TIMEOUT SCALING_TIMEOUT SANITIZE_TIMEOUT   seconds (360, 240, 300, 240, 240,
 #                   240 for each tool)
 set -u
@@ -91,11 +91,11 @@ for name in "${steps[@]}"; do
       # shellcheck disable=SC2086
       step models "${BENCH_TIMEOUT:-300}" 80 "$PYTHON" bench/cuda_run.py --methods graph,host --csv "$OUT/models.csv" --model ${MODELS:-} ${BENCH_ARGS:-}
       # shellcheck disable=SC2086
-      step models-best "${BEST_TIMEOUT:-240}" 80 "$PYTHON" bench/cuda_best.py --csv "$OUT/models_best.csv" --model ${MODELS:-} ${BEST_ARGS:-}
+      step models-best "${BEST_TIMEOUT:-240}" 80 "$PYTHON" bench/best.py --csv "$OUT/models_best.csv" --model ${MODELS:-} ${BEST_ARGS:-}
       ;;
     best)
       # shellcheck disable=SC2086
-      step best "${BEST_TIMEOUT:-240}" 120 "$PYTHON" bench/cuda_best.py --csv "$OUT/cuda_best.csv" ${BEST_ARGS:-}
+      step best "${BEST_TIMEOUT:-240}" 120 "$PYTHON" bench/best.py --csv "$OUT/cuda_best.csv" ${BEST_ARGS:-}
       ;;
     sweep)
       # shellcheck disable=SC2086

@@ -1,17 +1,22 @@
-"""What pictures.py and effects.py draw: the real scenes with lights, normals and textures, the demo, and model files."""
+"""What the benchmarks of pictures draw: the real scenes with lights, normals and textures, the demo, and model files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
-from bigtri import Camera, Material, Scene, load_scene
+from bigtri import Camera, Material, Scene, load_scene, rasterize
+from bigtri.ops import shade as pictures
+from bigtri.precision import RUNGS, Arithmetic
+from bigtri.reference.shade import Surface
 from bigtri.scene.normals import split_normals
+from bigtri.scene.plan import RenderPlan
 from bigtri.study import courtyard, meshes
 from bigtri.study.scenes import REAL
 
@@ -82,3 +87,53 @@ def painted(side: int) -> NDArray[np.uint8]:
         image += 0.25 / 1.5**octave * np.sin((a * x + b * y)[..., None] + phases)
     squares = ((x // (np.pi / 8) + y // (np.pi / 8)) % 2)[..., None]
     return np.clip(255 * (0.75 * image + 0.2 * squares), 0, 255).astype(np.uint8)
+
+
+class Target(NamedTuple):
+    """What is drawn, on one device, and memory for it. No call waits or takes memory that is kept, so graphs can hold them."""
+
+    positions: torch.Tensor  # float32 [B, V, 4]
+    triangles: torch.Tensor  # int32 [T, 3]
+    surface: Surface[torch.Tensor]
+    packed: torch.Tensor  # int64 [B, samples * H, samples * W]
+    image: torch.Tensor  # uint8 [B, H, W, 3]
+    samples: int
+    arithmetic: Arithmetic
+
+    def draw(self) -> None:
+        nothing = pictures.Made()
+        given = self.positions, self.triangles, "none", self.surface, self.image, self.samples
+        pictures.draw(*given, nothing, None, self.arithmetic, "native")
+
+    def shade(self) -> None:
+        nothing = pictures.Made()
+        given = self.packed, self.positions, self.triangles, self.surface, self.image
+        pictures.shade(*given, nothing, self.arithmetic, "native")
+
+    def rasterize(self) -> None:
+        (_, height, width), precision = self.packed.shape, self.arithmetic.precision
+        rasterize(self.positions, self.triangles, (height, width), depth=False, out=self.packed, precision=precision)
+
+
+def target(
+    scene: Scene,
+    cameras: Sequence[Camera],
+    resolution: tuple[int, int],
+    plan: RenderPlan,
+    samples: int,
+    precision: str,
+    device: torch.device,
+) -> Target:
+    """A scene as its cameras see it, ready to be drawn."""
+    (height, width), views, tensors = resolution, len(cameras), scene.on(device)
+    clip = np.stack([camera.transform(scene.positions, width / height, scene.origin) for camera in cameras])
+    shape = views, height * samples, width * samples
+    return Target(
+        torch.from_numpy(clip).to(device),
+        tensors.triangles,
+        tensors.surface(plan, scene.background),
+        torch.empty(shape, dtype=torch.int64, device=device),
+        torch.empty((views, height, width, 3), dtype=torch.uint8, device=device),
+        samples,
+        RUNGS[precision],
+    )

@@ -35,8 +35,10 @@ _HOMES = {
     "registered_variants": ".check.registered",
     "render": ".rendering.render",
     "sample_texture": ".ops.texture",
+    "stop_tuning": ".ops.tuned",
     "suggest_precision": ".study.suggest",
     "unregister_variant": ".check.registered",
+    "use_tuning": ".ops.tuned",
 }
 _MODULES = {"memory": ".ops.memory", "stages": ".check.stages", "verify": ".check.verify", "views": ".rendering.views"}
 
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
     from .ops.rasterize import Visibility, rasterize
     from .ops.shading import decode_srgb, encode_srgb, lambert
     from .ops.texture import sample_texture
+    from .ops.tuned import stop_tuning, use_tuning
     from .precision import Precision
     from .rendering import views
     from .rendering.render import render
@@ -84,8 +87,10 @@ __all__ = [
     "render",
     "sample_texture",
     "stages",
+    "stop_tuning",
     "suggest_precision",
     "unregister_variant",
+    "use_tuning",
     "verify",
     "views",
 ]

@@ -216,6 +216,11 @@ def using_parameters(**values: int) -> Iterator[None]:
         _parameters.update(before)
 
 
+def parameters_are_set() -> bool:
+    """Whether a ``using_parameters`` is in force."""
+    return bool(_parameters)
+
+
 def _allows(parameter: Parameter, value: object) -> bool:
     if not isinstance(value, int) or isinstance(value, bool):
         return False

@@ -1,4 +1,4 @@
-"""The command line: ``bigtri render``, ``info``, ``bench``, ``compare``, ``accuracy``, ``demo`` and ``hard-cases``.
+"""The command line: ``bigtri render``, ``info``, ``bench``, ``compare``, ``tune``, ``accuracy``, ``demo`` and ``hard-cases``.
 
 A command imports what it needs when it runs, so that --help, --version and a wrong command line are answered without torch.
 """
@@ -64,6 +64,11 @@ def main(argv: Sequence[str] | None = None) -> int:
                 from . import compare
 
                 return compare.main(words[1:])
+            if words[:1] == ["tune"]:
+                command = "tune"
+                from . import tune
+
+                return tune.main(words[1:])
             options = _parser().parse_args(words)
             command = options.command
             return options.run(options)
@@ -105,6 +110,8 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser("bench", help="measure how fast rasterize is on this machine; see bigtri bench --help")
     about = "every variant on one scene: time, work, and whether it draws what the reference draws; see bigtri compare --help"
     commands.add_parser("compare", help=about)
+    about = "measure which variant and parameters draw a scene fastest on this machine, and keep it; see bigtri tune --help"
+    commands.add_parser("tune", help=about)
     about = "what each rung of accuracy gets wrong, and its time, on this machine; see bigtri accuracy --help"
     commands.add_parser("accuracy", help=about)
     about = "draw, explain and time a scene of large triangles"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import runpy
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,11 +29,14 @@ def parser(program: str = "bigtri compare") -> argparse.ArgumentParser:
         epilog=f"scenes: those of bigtri bench, and the hard cases of bigtri accuracy\n\nexamples:\n"
         f"  {program} S2 --size 1080p\n"
         f"  {program} --variants bin_owned,two_stage scan.ply --azimuth 120\n"
-        f"  {program} Rcourtyard --device cuda --precision fast",
+        f"  {program} Rcourtyard --device cuda --precision fast\n"
+        f"  {program} S2 --load mine.py --variants mine,bin_owned --size 320x240",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     result.add_argument("scene", metavar="SCENE", help="a model file, or the name of a scene")
     result.add_argument("--variants", default="all", help="names separated by commas, or all (default all)")
+    about = "Python to run first, which registers variants of your own (docs/validate.md)"
+    result.add_argument("--load", type=Path, metavar="FILE", help=about)
     result.add_argument("--size", type=arguments.size, default=(1280, 720), metavar="WxH", help="pixels (default: 1280x720)")
     result.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where to draw (default %(default)s)")
     result.add_argument("--precision", choices=PRECISIONS, metavar="RUNG", default=DEFAULT, help="rung (default %(default)s)")
@@ -61,6 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     import torch  # only now: what is wrong with the command line is said at once
 
     from .. import native
+    from ..check.registered import registered_variants
     from ..study import clock, provenance
     from ..study.compare import Job, compare
 
@@ -72,11 +77,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         command.error(f"--device must be one of {built}, as the extension is built here, got {options.device}")
     if options.precision not in rungs:
         command.error(f"--precision must be one of {', '.join(rungs)}, as the extension is built here, got {options.precision}")
+    if options.load:
+        runpy.run_path(str(options.load))
     try:
-        variants = arguments.chosen("variant", options.variants, list(rungs[options.precision]))
+        own = registered_variants() if options.load else {}
+        variants = arguments.chosen("variant", options.variants, [*rungs[options.precision], *own])
         if options.isa:
             arguments.chosen("instruction set", options.isa, native.isa_levels())
-        case = _case(options)
+        case = case_of(options.scene, options.size, options)
     except ValueError as error:
         command.error(str(error))
     job = Job(case.positions, case.triangles, (case.height, case.width), options.device, options.precision, options.cull)
@@ -111,8 +119,8 @@ def table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def _case(options: argparse.Namespace) -> Case:
-    """The scene of that name, or the model in that file.
+def case_of(name: str, size: tuple[int, int], options: argparse.Namespace) -> Case:
+    """The scene of that name, or the model in that file, in so many px; ``options``: --seed, and those of the camera.
 
     Raises:
         ValueError: options of the camera without a model file; neither such a scene nor such a file.
@@ -121,15 +129,15 @@ def _case(options: argparse.Namespace) -> Case:
     from ..study import accuracy
     from . import pictures
 
-    width, height = options.size
-    if options.scene in accuracy.HARD or options.scene in scenes.SCENES:
-        if given := [name for name in pictures.CAMERA if pictures.is_given(options, name)]:
-            raise ValueError(f"--{given[0]} must be given with a model file, got the scene {options.scene}")
-        return accuracy.case(options.scene, width, height, options.seed)
-    path = Path(options.scene)
+    width, height = size
+    if name in accuracy.HARD or name in scenes.SCENES:
+        if given := [option for option in pictures.CAMERA if pictures.is_given(options, option)]:
+            raise ValueError(f"--{given[0]} must be given with a model file, got the scene {name}")
+        return accuracy.case(name, width, height, options.seed)
+    path = Path(name)
     if not path.suffix and not path.exists():
         names = ", ".join([*scenes.SCENES, *accuracy.HARD])
-        raise ValueError(f"SCENE must be a model file or one of {names}, got {options.scene!r}")
+        raise ValueError(f"SCENE must be a model file or one of {names}, got {name!r}")
     pictures.check_together(options)
     print(f"reading {path}", file=sys.stderr)
     scene = load_scene(path)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import torch
 
-from .. import __version__, native
+from .. import __version__, machine, native
 from ..precision import DEFAULT
 from ..study import provenance
 
@@ -25,7 +25,7 @@ def describe() -> str:
         ("python", f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable})"),
         *((package, _version(package)) for package in ("torch", "numpy", "scikit-image", "trimesh", "pillow")),
         ("system", platform.platform()),
-        ("processor", f"{provenance.cpu_name()}, {provenance.usable_cpus()} of {os.cpu_count()} logical processors usable"),
+        ("processor", f"{machine.cpu_name()}, {provenance.usable_cpus()} of {os.cpu_count()} logical processors usable"),
         ("instruction sets", ", ".join(_instruction_sets()) or "unknown"),
         ("torch threads", str(torch.get_num_threads())),
         ("torch CPU capability", torch.backends.cpu.get_cpu_capability()),
@@ -44,7 +44,7 @@ def _version(package: str) -> str:
 
 
 def _instruction_sets() -> list[str]:
-    for line in provenance.cpuinfo():
+    for line in machine.cpuinfo():
         if line.lower().startswith(("flags", "features")):
             flags = set(line.partition(":")[2].split())
             return [name for name in _INSTRUCTION_SETS if name in flags]

@@ -28,7 +28,7 @@ from . import stages as one_stage
 from .registered import Stage
 from .sentences import Difference, same_bits
 
-__all__ = ["Difference", "Differences", "compare", "differences", "first_difference", "same_bits"]
+__all__ = ["Difference", "Differences", "compare", "differences", "draw", "first_difference", "same_bits"]
 
 Scissor = tuple[int, int, int, int]
 
@@ -153,6 +153,32 @@ def differences(
     scene = _as_numpy(positions), _as_numpy(triangles), height, width, cull, box
     run = _Run(*scene, variant, precision, threshold, own, variant in known)
     return run.differences()
+
+
+def draw(
+    variant: str,
+    positions: Array,
+    triangles: Array,
+    resolution: tuple[int, int],
+    *,
+    cull: str = "none",
+    scissor: Scissor | None = None,
+    threshold: int = LARGE_THRESHOLD,
+    precision: str = DEFAULT,
+) -> tuple[NDArray[np.int64], int]:
+    """What a registered variant makes of a scene, right or wrong: ``packed`` [H, W], and how many triangles are not finite.
+
+    Arguments and errors are those of ``differences``; the stages that the variant lacks are the reference's.
+    """
+    arguments.check_choice("verify.draw", "variant", variant, tuple(registered.registered_variants()))
+    arguments.check_choice("verify.draw", "cull", cull, CULLS)
+    arguments.check_choice("verify.draw", "precision", precision, PRECISIONS)
+    height, width = arguments.check_image_size("verify.draw", "resolution", resolution)
+    box = arguments.check_scissor("verify.draw", scissor, height, width)
+    scene = _as_numpy(positions), _as_numpy(triangles), height, width, cull, box
+    run = _Run(*scene, variant, precision, threshold, registered.stages_of(variant), True)
+    drawn = run._on_own("rasterize", scene, H=height, W=width) if "rasterize" in run.own else run._chained(*scene)
+    return drawn[0], int(drawn[1])
 
 
 def first_difference(a: NDArray[Any], b: NDArray[Any]) -> tuple[int, ...] | None:

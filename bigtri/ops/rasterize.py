@@ -14,7 +14,7 @@ from ..choices import CULLS
 from ..precision import Arithmetic, Precision
 from ..reference import pipeline
 from ..reference.numerics import BACKGROUND
-from . import arguments, memory
+from . import arguments, memory, tuned
 from .arguments import Array
 
 # packed is (depth bits << 32) | triangle: the low half of each int64 is the triangle, and -1 on the background.
@@ -61,6 +61,7 @@ def rasterize(
         resolution: (height, width) in px, 1 to 16384 each.
         backend: "reference" (the NumPy oracle), "native" (the extension), or "auto": native where it is built. Same bits.
         variant: how the native backend schedules the work, "auto" or one of ``bigtri.native.VARIANTS[device type]``. Same bits.
+            "auto" is the first of these, or what ``use_tuning`` has read.
         precision: a preset or another rung by its name, or a ``Precision``. Presets: "exact"; "balanced", which draws the same
             and computes attributes in float32; "fast", which computes depth in float32 too. None gives up coverage. Rungs:
             "subpixel4", which snaps vertices to 1/16 instead of 1/256 px; "depth_reversed" for clip depth from w at the near
@@ -145,6 +146,8 @@ def rasterize(
             check_indices(op, faces, clip.shape[-2])
         picked = next(iter(variants.values())) if variant == "auto" else variants[variant]
         values = native.parameter_values(op, picked, parameters)
+        if tuned.tables and variant == "auto" and parameters is None and not torch.compiler.is_compiling():
+            picked, values = tuned.way_for(clip, faces, arithmetic.name, shape) or (picked, values)
         drawing = (clip, faces, height, width, cull, box, picked.name, arithmetic.name, 1, values, checked_ranges, None)
         torch.ops.bigtri.rasterize.default(*drawing, packed, image, dropped, None)
     else:
@@ -192,10 +195,12 @@ def _draw_as_is(
         return None
     if precision not in rungs:
         return None
-    picked = next(iter(rungs[precision].values()))
-    values = native.parameter_values(op, picked, None)
     views = clip.shape[:-2]
     shape = (*views, height, width)
+    picked = next(iter(rungs[precision].values()))
+    values = native.parameter_values(op, picked, None)
+    if tuned.tables:
+        picked, values = tuned.way_for(clip, faces, precision, shape) or (picked, values)
     try:
         packed = memory.new(clip, shape, torch.int64) if out is None else inputs[2]
         image = inputs[-1] if depth_out is not None else memory.new(clip, shape, torch.float32) if depth else None

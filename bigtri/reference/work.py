@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..precision import Arithmetic
+from .binning import binning
+from .coverage import sides_of, touches
 from .depth import depth
 from .numerics import BACKGROUND, BIN, TILE, TILES, ramp
 from .pipeline import FRAGMENTS, ROWS, batches
@@ -16,6 +18,8 @@ from .records import Records
 from .scanline import scanline
 from .tile_mask import tile_mask
 
+POINTER_BYTES = 8  # of a record in a queue
+_SHARES_TOGETHER = 1024  # kSharesTogether of csrc/cpu/shares.h
 NO_QUEUE = np.zeros((0, 3), np.int32), np.zeros(0, np.int64)
 
 
@@ -72,6 +76,12 @@ def passing(job: Job) -> int:
     return passed
 
 
+def fragments_of(job: Job) -> NDArray[np.int64]:
+    """int64 [N]: how many pixels each record covers."""
+    spans = scanline(job.records, *NO_QUEUE, np.arange(len(job.records.xy), dtype=np.int32), job.arithmetic)
+    return np.bincount(spans[:, 0], weights=spans[:, 3] - spans[:, 2], minlength=len(job.records.xy)).astype(np.int64)
+
+
 class TilesOfEntry(NamedTuple):
     """What drawing queue entries by tiles of 8x8 px finds; int64 [Q] each."""
 
@@ -114,19 +124,95 @@ def _number(
     return (record * rows + row) * columns + column
 
 
-def boxed_tiles(bbox: NDArray[np.int32], column: NDArray[np.int32], row: NDArray[np.int32]) -> NDArray[np.int64]:
-    """int64 [Q]: how many tiles of a bin each ``bbox`` [Q, 4] meets."""
+def touched_tiles(job: Job, queue: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """int64 [K] each: column and row, in tiles of the image, of the different tiles that queue entries touch."""
+    image = np.zeros((TILES * (job.height // BIN + 1), TILES * (job.width // BIN + 1)), np.bool_)
+    for part in batches(np.full(len(queue), BIN), ROWS):
+        touched, _ = tile_mask(job.records, queue[part], job.arithmetic)
+        entry, bit = np.nonzero(touched[:, None] >> np.arange(TILES * TILES) & 1)
+        _, column, row = queue[part][entry].astype(np.int64).T
+        image[TILES * row + bit // TILES, TILES * column + bit % TILES] = True
+    rows, columns = np.nonzero(image)
+    return columns, rows
+
+
+def boxed_tiles(
+    bbox: NDArray[np.int32], column: NDArray[np.integer], row: NDArray[np.integer], size: int = BIN
+) -> NDArray[np.int64]:
+    """int64 [Q]: how many tiles of a bin of ``size`` px each ``bbox`` [Q, 4] meets."""
     count = np.ones(len(bbox), np.int64)
     for low, high, place in ((bbox[:, 0], bbox[:, 2], column), (bbox[:, 1], bbox[:, 3], row)):
-        begin, end = np.maximum(low - BIN * place, 0), np.minimum(high - BIN * place, BIN)
+        begin, end = np.maximum(low - size * place, 0), np.minimum(high - size * place, size)
         count *= (end - 1) // TILE - begin // TILE + 1
     return count
+
+
+def squares_of(job: Job, size: int) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """As ``binning`` has it of bins: int32 [C, 3], squares (record, column, row) of ``size`` px that bounding boxes meet, and
+    bool [C], which of them no edge rejects."""
+    bbox = job.records.bbox.astype(np.int64)
+    first, count = bbox[:, :2] // size, (bbox[:, 2:] - 1) // size + 1 - bbox[:, :2] // size
+    squares = count[:, 0] * count[:, 1]
+    record, place = np.repeat(np.arange(len(bbox)), squares), ramp(squares)
+    column, row = (first[record] + np.stack([place % count[record, 0], place // count[record, 0]], axis=1)).T
+    kept = touches(sides_of(job.records, record, job.arithmetic), size * column, size * row, size)
+    return np.stack([record, column, row], axis=1).astype(np.int32), kept
+
+
+def pixels_in(job: Job, column: NDArray[np.integer], row: NDArray[np.integer], size: int) -> int:
+    """How many pixels of the image lie in different squares of ``size`` px."""
+    return int((np.minimum(size, job.width - size * column) * np.minimum(size, job.height - size * row)).sum(dtype=np.int64))
+
+
+def check_one_round(job: Job) -> None:
+    """Raise ValueError where a view's shares are not all set up at once: models are of those that are."""
+    shares = -(-len(job.triangles) // job.parameters["share"])
+    if shares > _SHARES_TOGETHER:
+        raise ValueError(
+            f"bigtri.count: the reference counts what {_SHARES_TOGETHER} shares make; with parameter share ="
+            f" {job.parameters['share']} this view has {shares}"
+        )
 
 
 def popcount(masks: NDArray[np.int64]) -> NDArray[np.int64]:
     """int64 [...]: how many bits of each are set."""
     octets = np.ascontiguousarray(masks).view(np.uint8).reshape(*masks.shape, 8)
     return np.unpackbits(octets, axis=-1).sum(axis=-1, dtype=np.int64)
+
+
+def queued_bins(job: Job) -> tuple[NDArray[np.int32], TilesOfEntry, dict[str, int]]:
+    """The elements of the queues that csrc/cpu/record_queue.h makes of 64 px bins, int32 [Q, 3]; their tiles; and what is counted
+    of both, where every tile that is touched is drawn."""
+    bins = binning(job.records, -1, job.arithmetic)
+    queue = bins.candidates[bins.kept]
+    tiles = tiles_of(job, queue)
+    lengths = np.unique(queue[:, 1:], axis=0, return_counts=True)[1]
+    return (
+        queue,
+        tiles,
+        {
+            "records": len(job.records.xy),
+            "by_tiles": len(job.records.xy),
+            "candidates": len(bins.kept),
+            "entries": len(queue),
+            "overflows": int(np.maximum(lengths - job.parameters["room"], 0).sum()),
+            "bytes": record_bytes(job.arithmetic) * len(job.records.xy) + POINTER_BYTES * len(queue),
+            "bins_tested": len(bins.kept),
+            "bins_rejected": len(bins.kept) - len(queue),
+            "tiles_tested": int(tiles.boxed.sum()),
+            "tiles_rejected": int((tiles.boxed - tiles.touched).sum()),
+            "tiles_accepted": int(tiles.full.sum()),
+            "tiles_empty": int((tiles.touched - tiles.covered).sum()),
+            "edges_64": 3 * len(bins.kept),
+            "fragments": int(tiles.fragments.sum()),
+            "atomics": len(queue),
+        },
+    )
+
+
+def tile_entry_bytes(arithmetic: Arithmetic) -> int:
+    """The size of csrc/cpu/tile_entry.h's TileEntry."""
+    return 16 if arithmetic.precision.depth == "float32_cell" else 24
 
 
 def record_bytes(arithmetic: Arithmetic) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..reference.clip import clip_planes
+from ..reference.numerics import LARGE_THRESHOLD
 from .camera import Camera
 
 if TYPE_CHECKING:
@@ -99,6 +100,8 @@ _COSTS = {
     "lights": "a covered pixel: a square root and 3 divisions; for each light 5 products, 3 sums and 3 products",
     "perspective": "a covered pixel: 6 divisions in float64",
     "clipping": "a triangle that crosses a plane: a polygon of up to 9 corners; its pixels find their part of it",
+    "large_triangles": "a triangle: an entry in the list of each bin (64x64 px) that it meets; masks of the bins' tiles",
+    "small_triangles": "a triangle: each row of its bounding box is cut to a span",
     "culling": "a triangle: the sign of its area, which is there anyway",
 }
 
@@ -201,13 +204,25 @@ def _of_triangles(scene: Scene, camera: Camera, height: int, width: int) -> list
     inside: NDArray[np.bool_] = np.stack(planes, axis=-1)[corners]  # [T, 3, 6]
     some, whole = np.all(np.any(inside, axis=1), axis=1), np.all(inside, axis=(1, 2))
     cut = int((some & ~whole).sum())
-    count = len(corners)
+    count, large, small = len(corners), *_by_size(clip[corners[whole]], height, width)
+    sizes = f"in sight and not clipped have %s {LARGE_THRESHOLD} px in their bounding box"
     return [
         Effect(
             "perspective", tilted > 0, f"w differs between the corners of {tilted} of {count} triangles", _COSTS["perspective"]
         ),
         Effect("clipping", cut > 0, f"{cut} of {count} triangles cross a plane", _COSTS["clipping"]),
+        Effect("large triangles", large > 0, f"{large} of {count} {sizes % 'more than'}", _COSTS["large_triangles"]),
+        Effect("small triangles", small > 0, f"{small} of {count} {sizes % 'at most'}", _COSTS["small_triangles"]),
     ]
+
+
+def _by_size(corners: NDArray[np.float32], height: int, width: int) -> tuple[int, int]:
+    """Of triangles in clip space [T, 3, 4], how many are drawn by tiles and how many directly; those beyond the picture are
+    neither. Not snapped, which moves a border by less than a pixel."""
+    across = (corners[..., :2] / corners[..., 3:] * (1, -1) + 1) * (width / 2, height / 2)
+    low, high = (np.clip(end, 0, (width, height)) for end in (np.floor(across.min(axis=1)), np.ceil(across.max(axis=1))))
+    pixels = np.prod(high - low, axis=-1)
+    return int((pixels > LARGE_THRESHOLD).sum()), int(((pixels > 0) & (pixels <= LARGE_THRESHOLD)).sum())
 
 
 def _named(materials: list[Material]) -> str:

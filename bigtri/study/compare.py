@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..check import counters, sentences, verify
+from ..check import counters, registered, sentences, verify
 from ..ops.rasterize import Visibility, rasterize
 from ..precision import DEFAULT, RUNGS
-from .clock import Timing, interleaved, summary
+from .clock import Timing, clock, interleaved, summary
 
 
 class Job(NamedTuple):
@@ -52,15 +52,26 @@ def compare(job: Job, variants: Sequence[str], seconds: float) -> list[Row]:
     """Draw with the reference and with every variant.
 
     Args:
-        variants: of ``bigtri.native.REGISTRY[device][precision]``.
-        seconds: of the clock, for each variant. All take turns.
+        variants: of ``bigtri.native.REGISTRY[device][precision]``, or registered ones, which are drawn on the CPU.
+        seconds: of the clock, for each variant. All of the extension's take turns.
     """
+    own = [variant for variant in variants if variant in registered.registered_variants()]
+    compiled = [variant for variant in variants if variant not in own]
     scene = job.positions, job.triangles, job.resolution
     expected = _picture(rasterize(*scene, backend="reference", precision=job.precision, cull=job.cull))
-    drawings = {variant: _Drawing(job, variant) for variant in variants}
+    drawings = {variant: _Drawing(job, variant) for variant in compiled}
     found = {variant: _differences(job, variant, expected, _picture(drawing.draw())) for variant, drawing in drawings.items()}
-    ms = interleaved({v: drawing.draw for v, drawing in drawings.items()}, seconds * len(variants), device=job.device)
-    return [Row(v, summary(ms[v]), found[v], _counted(job, v)) for v in variants]
+    ms = interleaved({v: drawing.draw for v, drawing in drawings.items()}, seconds * len(compiled), device=job.device)
+    return [*(Row(v, summary(ms[v]), found[v], _counted(job, v)) for v in compiled), *(_own(job, v, seconds) for v in own)]
+
+
+def _own(job: Job, variant: str, seconds: float) -> Row:
+    """A registered variant: its stages one by one, then the whole. Its Python takes no turns, it may need seconds."""
+    scene = job.positions, job.triangles, job.resolution
+    how: dict[str, Any] = {"precision": job.precision, "cull": job.cull}
+    found = list(itertools.islice(verify.differences(*scene, variant=variant, **how), 1))
+    ms = clock(lambda: verify.draw(variant, *scene, **how), seconds, warm=0, at_least=1)
+    return Row(variant, summary(ms), list(map(str, found)), {})
 
 
 class _Drawing:

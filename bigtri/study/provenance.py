@@ -12,20 +12,7 @@ import numpy as np
 import torch
 
 from .. import __version__
-
-
-def cpu_name() -> str:
-    """What the processor calls itself."""
-    for line in cpuinfo():
-        if line.lower().startswith(("model name", "hardware")):
-            return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
-
-
-def cpuinfo() -> list[str]:
-    """The lines of /proc/cpuinfo; none where there is no such file."""
-    path = Path("/proc/cpuinfo")
-    return path.read_text(errors="replace").splitlines() if path.exists() else []
+from ..machine import cpu_name
 
 
 def usable_cpus() -> int:

@@ -9,6 +9,7 @@ import pytest
 import torch
 import trimesh
 
+import bigtri
 from bigtri import native
 from bigtri.app import cli
 from bigtri.app import compare as command
@@ -52,6 +53,28 @@ def test_those_that_are_named_alone(capsys):
     printed = capsys.readouterr().out
     assert column(printed, "equal") == {"two_stage": "yes", "bin_owned": "yes"}
     assert "S3, 32 triangles, 96x64 px, subpixel4, 1 threads, baseline" in printed
+
+
+def test_variants_of_one_s_own(tmp_path, capsys):
+    """A file registers them; one agrees, one does not, and both stand beside the extension's."""
+    (tmp_path / "own.py").write_text(
+        "import bigtri\n"
+        "from bigtri import reference\n"
+        "bigtri.register_stage('depth', variant='right')(reference.depth)\n"
+        "bigtri.register_stage('scanline', variant='wrong')(lambda *given: reference.scanline(*given)[1:])\n"
+    )
+    try:
+        options = ["S3", "--size", "96x64", "--seconds", "0", "--load", str(tmp_path / "own.py")]
+        assert cli.main(["compare", *options]) == 1
+        printed = capsys.readouterr().out
+        assert cli.main(["compare", *options, "--variants", "right"]) == 0
+    finally:
+        for name in bigtri.registered_variants():
+            bigtri.unregister_variant(name)
+    table = [line for line in printed.splitlines() if re.match(r"(right|wrong) ", line)]
+    assert [(line.split()[0], line.split()[-1]) for line in table] == [("right", "yes"), ("wrong", "NO")]
+    assert re.search(r"^wrong:\n  stage scanline, pixels? .*: not covered by triangle \d+, covered expected$", printed, re.M)
+    assert column(printed, "equal") == dict.fromkeys(VARIANTS, "yes")
 
 
 def test_a_model_is_seen_as_render_sees_it(model, capsys, monkeypatch):

@@ -12,7 +12,7 @@ PACKAGE = Path(bigtri.__file__).parent
 
 # Lowest first: a module imports from its own room and from those before it in this list. docs/architecture.md has them too.
 ROOMS = (
-    ("precision", "choices", "warn", "torch_private"),  # names and helpers that know nothing of bigtri
+    ("precision", "choices", "warn", "machine", "torch_private"),  # names and helpers that know nothing of bigtri
     ("reference",),
     ("fakes", "native"),
     ("ops",),

@@ -103,6 +103,24 @@ def test_stages_that_agree_by_themselves_and_not_together():
     )
 
 
+@pytest.mark.parametrize("stage", ["rasterize", "visibility"])
+def test_what_a_variant_draws_may_be_seen(stage):
+    """As a whole, or by its stages one after the other; right or wrong."""
+
+    def inverted(*given):
+        result = STAGES[stage](*given)
+        return (result[0] ^ 1, result[1] + 1) if stage == "rasterize" else result ^ 1
+
+    register = bigtri.register_variant("mine") if stage == "rasterize" else bigtri.register_stage(stage, variant="mine")
+    register(inverted)
+    scene = CASES["not_finite"](np.random.default_rng(3))
+    expected, dropped = reference.rasterize(*scene[:2], *scene.resolution, "back", (3, 5, 70, 60))
+    packed, lost = verify.draw("mine", *scene, cull="back", scissor=(3, 5, 70, 60))
+    assert np.array_equal(packed, expected ^ 1) and lost == dropped + (stage == "rasterize") and dropped > 0
+    with pytest.raises(ValueError, match="bigtri.verify.draw: variant must be one of 'mine', got 'bin_owned'"):
+        verify.draw("bin_owned", *scene)
+
+
 def test_nothing_of_the_extension_is_compared_with_it(monkeypatch):
     monkeypatch.setattr(native, "available", lambda: False)
     bigtri.register_stage("depth", variant="mine")(reference.depth)

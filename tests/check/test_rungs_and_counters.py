@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from cases import CASES, Case
+from cases import CASES, Case, from_pixels
 from operators import call
 
 import bigtri
 from bigtri import native
 from bigtri.check import counters, stages
 from bigtri.precision import PRECISIONS, RUNGS
-from bigtri.reference.variants import MODELS
+from bigtri.reference.variants import MODELS, Model
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 CSRC = Path(bigtri.__file__).parent / "csrc"
@@ -69,7 +69,7 @@ def test_the_rungs_are_those_of_the_header() -> None:
 @pytest.mark.skipif(not CSRC.exists(), reason="the sources are not here")
 def test_the_variants_are_those_of_the_header() -> None:
     """A variant is copied from another one, whose name it may have kept; it would hide that one, or be hidden by it."""
-    lists = re.findall(r"#define BIGTRI_CPU_VARIANTS_(\w+)\(X\)(.*)", (CSRC / "cpu/variants.h").read_text())
+    lists = re.findall(r"#define BIGTRI_CPU_VARIANTS_(\w+)\(X\)((?:.*\\\n)*.*)", (CSRC / "cpu/variants.h").read_text())
     assert tuple(rung for rung, _ in lists) == PRECISIONS
     for rung, names in lists:
         if rung in COMPILED:
@@ -167,7 +167,7 @@ def threads(count: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def assert_within_bounds(counts: dict[str, int], serial: dict[str, int], covered: int, rejects_by_depth: bool) -> None:
+def assert_within_bounds(counts: dict[str, int], serial: dict[str, int], covered: int, model: Model) -> None:
     """What holds of a parallel run, whatever the order.
 
     What depends on nothing is what the reference has. So is what a depth test spares, if the variant has none whose order
@@ -176,11 +176,11 @@ def assert_within_bounds(counts: dict[str, int], serial: dict[str, int], covered
     """
     of = {name: counts.get(name, 0) for name in native.COUNTERS}
     for name, counter in native.COUNTERS.items():
-        if counter.depends == "nothing" or (counter.depends in ("spared", "most") and not rejects_by_depth):
+        if counter.depends == "nothing" or (counter.depends in ("spared", "most") and not model.REJECTS_BY_DEPTH):
             assert of[name] == serial.get(name, 0), name
     assert covered <= of["passed"] <= of["fragments"]
     assert covered <= of["written"]
-    if of["atomics"]:
+    if not model.OWNS_PIXELS:
         assert of["written"] <= of["passed"] and of["written"] <= of["atomics"]
     assert of["tasks"] <= of["work"] <= of["most_work"] * of["tasks"]
     assert 1 <= counters.load(counts) <= of["tasks"]
@@ -205,7 +205,7 @@ def test_counters_are_the_reference_s(name: str, variant: str, precision: str) -
     for count in (2, 5):
         with threads(count):
             counts = counters.count(*given, **how, backend="native")
-        assert_within_bounds(counts, expected, covered, MODELS[variant].REJECTS_BY_DEPTH)
+        assert_within_bounds(counts, expected, covered, MODELS[variant])
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -216,6 +216,49 @@ def test_counters_of_other_parameters_are_the_reference_s(variant: str) -> None:
         with threads(1):
             both = [counters.count(*case, **how, backend=b) for b in ("reference", "native")]
         assert both[0] == both[1], p.name
+
+
+HAVE = {name: [v for v in VARIANTS if name in native.REGISTRY["cpu"]["exact"][v].parameters] for name in ("room", "share")}
+
+
+def one_bin_of_many() -> Case:
+    """3000 triangles in a corner of an image, more than any queue's first segment holds; some reach over the whole image."""
+    rng = np.random.default_rng(7)
+    corners = rng.uniform(0, 60, (3000, 1, 2)) + rng.uniform(-9, 9, (3000, 3, 2))
+    corners[::50] = rng.uniform(-20, 180, (60, 3, 2))
+    return from_pixels(corners, rng.uniform(0, 1, (3000, 3)), (96, 150))
+
+
+@pytest.mark.parametrize("variant", HAVE["room"])
+def test_queues_lose_nothing_that_comes_after_they_are_full(variant: str) -> None:
+    case = one_bin_of_many()
+    wanted = bigtri.rasterize(*case, backend="reference")
+    standard = native.REGISTRY["cpu"]["exact"][variant].parameters["room"].standard
+    for room in (standard, 1, 7):
+        how = {"variant": variant, "parameters": {"room": room}}
+        with threads(1):
+            both = [counters.count(*case, **how, backend=b) for b in ("reference", "native")]
+        assert both[0] == both[1] and both[0]["overflows"] > 3000 - 2 * standard
+        for count in (1, 5):
+            with threads(count):
+                assert same(bigtri.rasterize(*case, **how, backend="native"), wanted), (room, count)
+
+
+@pytest.mark.parametrize("variant", HAVE["share"])
+def test_more_shares_than_are_set_up_at_once(variant: str) -> None:
+    """Each later round goes on from the pixels of the earlier ones."""
+    case = one_bin_of_many()
+    wanted = bigtri.rasterize(*case, backend="reference")
+    views = torch.from_numpy(np.stack([case.positions, case.positions * np.float32([1, -1, 1, 1])]))
+    turned = bigtri.rasterize(views[1], torch.from_numpy(case.triangles), case.resolution, backend="reference")
+    for share in (1, 2, 3):
+        how = {"variant": variant, "parameters": {"share": share}}
+        assert same(bigtri.rasterize(*case, **how, backend="native"), wanted), share
+        seen = bigtri.rasterize(views, torch.from_numpy(case.triangles), case.resolution, **how)
+        assert all(same(bigtri.Visibility(*(field[b] for field in seen)), one) for b, one in enumerate((wanted, turned))), share
+    if MODELS[variant].OWNS_PIXELS:
+        with pytest.raises(ValueError, match="what 1024 shares make; with parameter share = 2 this view has 1500"):
+            counters.count(*case, variant=variant, parameters={"share": 2}, backend="reference")
 
 
 def test_the_load_is_the_most_over_the_mean() -> None:

@@ -45,6 +45,10 @@ VALUES: dict[str, tuple[int, ...]] = {
     "share": (4, 32, 128, 256, 1024),
     "cache": (0, 400_000, 800_000),
     "few": (0, 1, 64, 65536),
+    "room": (1, 7),
+    "tile": (16, 32, 64),
+    "levels": (1, 3, 10),
+    "meets": (1, 4096),
 }
 Scissor = tuple[int, int, int, int]
 

@@ -36,6 +36,8 @@ OF_A_RUNG = tuple(name for name in SOURCES if "BIGTRI_NAMESPACE" in (CSRC / f"cu
 REGISTRY = dict(re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\)(.*)", (CSRC / "cuda/variants.h").read_text()))
 VARIANTS_OF = {rung: tuple(re.findall(r"X\((\w+)\)", listed)) for rung, listed in REGISTRY.items()}
 VARIANTS = VARIANTS_OF["exact"]
+# Differ from exact in attributes alone, and are drawn by its kernels.
+DRAWN_AS_EXACT = re.findall(r"struct (\w+) : drawn_as_exact", (CSRC / "core/precision.h").read_text())
 TOGETHER = ("persistent",)  # their blocks wait for each other, but here one runs after the other: so there is only one
 CULLS = {"none": 0, "back": 1, "front": 2}
 COMPILER = ("c++", "-std=c++17", "-w", "-fPIC", "-ffp-contract=off")
@@ -137,6 +139,7 @@ def compile_and_link(
     ``optimized``: -Og compiles in half the time of -O2, and what it makes takes a quarter longer.
     """
     compiler = [*COMPILER, optimized, f"-DBIGTRI_RUNG={rung}", *(f"-I{path}" for path in (cuda_headers(), folder / "cuda", HERE))]
+    compiler += ["-DBIGTRI_DRAWN_BY=exact"] * (rung in DRAWN_AS_EXACT)
     header = ["-include", str(compiled_header(optimized)), "-x", "c++", "-c"]
     objects = [folder / f"{source.stem}.o" for source in sources]
     running = [
@@ -162,15 +165,22 @@ def build(folder: Path, mutation: tuple[str, str, str] | None = None) -> ctypes.
 def build_rung(folder: Path, rung: str) -> ctypes.CDLL:
     """Compile the kernels of another rung into ``folder``: what depends on the rung, as one source, which takes half the time.
 
-    ``shade`` is one of its own: it has names that the others have too.
+    ``shade``, and variants besides the first, are sources of their own: they have names that the others have too.
     """
     copy_sources(folder)
-    unlisted = {*VARIANTS} - {*VARIANTS_OF[rung]}
-    files = [*(f"{name}.cu" for name in OF_A_RUNG if name not in {*unlisted, "shade"}), str(HERE / "cuda_on_cpu.cpp")]
+    if rung in DRAWN_AS_EXACT:
+        own = ["attributes", "shade", "variants"]
+        there = [name for name in SOURCES if name not in own]
+    else:
+        unlisted = {*VARIANTS} - {*VARIANTS_OF[rung]}
+        own = [name for name in OF_A_RUNG if name not in unlisted]
+        there = [name for name in SOURCES if name not in OF_A_RUNG]
+    apart = {"shade", *VARIANTS_OF[rung][1:]}.intersection(own)
+    files = [*(f"{name}.cu" for name in own if name not in apart), str(HERE / "cuda_on_cpu.cpp")]
     source = folder / "cuda/rung.cu"
     source.write_text("".join(f'#include "{file}"\n' for file in files))
-    there = [unchanged("exact") / f"{name}.o" for name in SOURCES if name not in OF_A_RUNG]
-    return compile_and_link(folder, [source, folder / "cuda/shade.cu"], there, rung)
+    sources = [source, *(folder / f"cuda/{name}.cu" for name in sorted(apart))]
+    return compile_and_link(folder, sources, [unchanged("exact") / f"{name}.o" for name in there], rung)
 
 
 @functools.cache

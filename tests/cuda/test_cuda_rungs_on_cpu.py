@@ -10,17 +10,18 @@ import cuda_on_cpu
 import numpy as np
 import pytest
 import torch
-from cases import Case, random_corners, soup
-from cuda_bits import CONSTRUCTIONS
-from cuda_on_cpu import VARIANTS_OF, Job
+from cases import CASES, Case, random_corners, soup
+from cuda_bits import CONSTRUCTIONS, PATHS
+from cuda_on_cpu import DRAWN_AS_EXACT, VARIANTS_OF, Job
 from numpy.typing import NDArray
 from picture_cases import drawn, picture_of
 from test_cuda_attributes_on_cpu import bits, interpolate
+from test_cuda_on_cpu import PIXELS
 from test_cuda_pictures_on_cpu import differences as differences_of_pictures
 
 import bigtri
 from bigtri import native, reference
-from bigtri.precision import DEFAULT, RUNGS
+from bigtri.precision import DEFAULT, PRESETS, RUNGS
 from bigtri.reference.numerics import BACKGROUND
 from bigtri.study.accuracy import reversed_depth
 
@@ -29,6 +30,8 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
 ]
 
+OTHER_PRESETS = [rung for rung in PRESETS if rung != DEFAULT]
+CASES_OF_PRESETS = [*CASES, "mixed", "full_screens"]
 OTHERS = [rung for rung in VARIANTS_OF if rung != DEFAULT]
 NAMES = ("guard_band", "behind_camera", "far_depth", "on_centres", "corner_of_huge", "half_subpixels", "clipped_fans", "assorted")
 SETTINGS = ({}, {"queue": 1}, {"widest": 8, "share": 4}, {"rows": 0, "share": 128, "blocks": 3})
@@ -75,10 +78,30 @@ def picture(name: str, rung: str) -> Picture:
 @pytest.mark.parametrize("rung", OTHERS)
 def test_drawing(rung: str) -> None:
     """With room for all that waits and for hardly anything, by few warps and by many; each way with several pictures."""
-    assert [*VARIANTS_OF[rung]] == ["two_stage"]
+    assert "two_stage" in VARIANTS_OF[rung], "the schedule on which rungs are compared"
     chosen = [(name, SETTINGS[number % len(SETTINGS)]) for number, name in enumerate(NAMES)] + [("assorted", {})]
-    jobs = [Job(*picture(name, rung), "two_stage", settings) for name, settings in chosen]
+    jobs = [Job(*picture(name, rung), variant, settings) for variant in VARIANTS_OF[rung] for name, settings in chosen]
     said = cuda_on_cpu.differences_in_children(cuda_on_cpu.kernels(rung), jobs)
+    assert not said, said
+
+
+@pytest.mark.parametrize("name", CASES_OF_PRESETS)
+@pytest.mark.parametrize("rung", OTHER_PRESETS)
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+def test_every_case(rung: str, name: str) -> None:
+    """A preset on the default variant: a case in three of the ways through the kernels, each way with many cases. What must come
+    out is the CPU's picture, which test_native.py compares with the reference."""
+    case = CONSTRUCTIONS[name](np.random.default_rng([0, *name.encode()]))
+    if np.prod(case.resolution) > PIXELS:
+        pytest.skip("large")
+    tensors = torch.from_numpy(case.positions), torch.from_numpy(case.triangles)
+    seen = bigtri.rasterize(*tensors, case.resolution, precision=rung, backend="native")
+    assert seen.depth is not None
+    wanted = case, seen.packed.numpy(), seen.depth.numpy(), int(seen.dropped)
+    number = CASES_OF_PRESETS.index(name)
+    ways = [way for turn, way in enumerate(PATHS.values()) if rung not in DRAWN_AS_EXACT and turn % 3 == number % 3] or [{}]
+    jobs = [Job(*wanted, VARIANTS_OF[rung][0], settings) for settings in ways]
+    said = cuda_on_cpu.differences_in_children(cuda_on_cpu.kernels(rung), jobs, number)
     assert not said, said
 
 

@@ -124,7 +124,7 @@ class Copy:
             # Mutations are of what the rungs share, so the default alone, which is the first, is enough.
             ("bigtri/csrc/core/precision.h", r"(#define BIGTRI_RUNGS\(X\) X\(\w+\)).*", r"\1"),
             ("bigtri/csrc/core/precision.h", r"(#define BIGTRI_LADDER\(X\)).*\\\n(.*\\\n)*.*", r"\1"),
-            ("bigtri/csrc/cpu/variants.h", r"#define BIGTRI_CPU_VARIANTS_(?!exact\b)\w+\(X\).*\n", ""),
+            ("bigtri/csrc/cpu/variants.h", r"#define BIGTRI_CPU_VARIANTS_(?!exact\b)\w+\(X\)(.*\\\n)*.*\n", ""),
             ("bigtri/csrc/cuda/variants.h", r"#define BIGTRI_CUDA_VARIANTS_(?!exact\b)\w+\(X\).*\n", ""),
             (
                 "bigtri/precision.py",

@@ -329,6 +329,9 @@ def test_the_plan_says_why():
     assert "float32, " in found["textures"].why and found["lights"].why == "1 light"
     assert found["culling"].on and found["clipping"].on and "of 30 triangles cross a plane" in found["clipping"].why
     assert str(plan).count("\n") == len(plan.effects)
+    large, small = (found[f"{size} triangles"] for size in ("large", "small"))
+    assert not large.on and small.on and "at most 4000 px" in small.why
+    assert [e.on for e in scene.plan(Camera.framing(scene.bounds), (2000, 2000)).effects[-2:]] == [True, True]
     dark = scene.with_(lights=(), uvs=None)
     assert {e.name: (e.on, e.why) for e in dark.plan().effects}["smooth normals"] == (
         False,

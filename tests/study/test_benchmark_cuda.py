@@ -33,8 +33,8 @@ if str(BENCH) not in sys.path:
 # What some variant on CUDA has as a parameter, where it is built or not.
 PARAMETERS = set(re.findall(r'\bX\((\w+), "', "".join(f.read_text() for f in sorted(CSRC.glob("cuda/*")))))
 
-MODULES = ("cuda_best", "cuda_cases", "cuda_clock", "cuda_floor", "cuda_run", "cuda_scaling", "sanitize")
-cuda_best, cuda_cases, cuda_clock, cuda_floor, cuda_run, cuda_scaling, sanitize = map(importlib.import_module, MODULES)
+MODULES = ("best", "cuda_cases", "cuda_clock", "cuda_floor", "cuda_run", "cuda_scaling", "sanitize")
+best, cuda_cases, cuda_clock, cuda_floor, cuda_run, cuda_scaling, sanitize = map(importlib.import_module, MODULES)
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 needs_compiler = pytest.mark.skipif(not (shutil.which("c++") or shutil.which("g++")), reason="no C++ compiler")
@@ -525,7 +525,7 @@ class PacedClock(FakeClock):
 def contest(us: dict[str, float]):
     case = case_of(scenes.make("S2", 1280, 720), 320, 240)
     every = [cuda_cases.AUTO, *(cuda_cases.Way(name, "", {}) for name in us if name != "auto")]
-    found = cuda_best.Contest(PacedClock(us), None, HERE, every, 0)
+    found = best.Contest(PacedClock(us), None, HERE, every, 0)
     found.case(case)
     return found
 
@@ -546,17 +546,17 @@ def test_auto_against_the_best() -> None:
 
 
 @pytest.mark.parametrize(
-    "auto, best, marked", [(11.2, 10, True), (10.9, 10, False), (3.9, 3, False), (4.1, 3, True), (9, 10, False)]
+    "auto, rival, marked", [(11.2, 10, True), (10.9, 10, False), (3.9, 3, False), (4.1, 3, True), (9, 10, False)]
 )
-def test_what_is_marked(auto: float, best: float, marked: bool) -> None:
+def test_what_is_marked(auto: float, rival: float, marked: bool) -> None:
     job = cuda_clock.Job("S1", 64, 64, 1)
-    found = cuda_best.verdict(job, {"auto": [[auto] * 3] * 3, "x": [[best] * 3] * 3, "memset": [[1.0]]})
+    found = best.verdict(job, {"auto": [[auto] * 3] * 3, "x": [[rival] * 3] * 3, "memset": [[1.0]]})
     assert found is not None and found.marked is marked and found.memset == 1.0
-    assert cuda_best.verdict(job, {"auto": [[auto]], "memset": [[1.0]]}) is None
+    assert best.verdict(job, {"auto": [[auto]], "memset": [[1.0]]}) is None
 
 
 def test_auto_is_not_its_own_rival() -> None:
-    names = [way.name for way in cuda_best.all_ways("cpu", [])]
+    names = [way.name for way in best.all_ways("cpu", [])]
     assert names[0] == "auto" and native.VARIANTS["cpu"][0] not in names and set(native.VARIANTS["cpu"][1:]) <= {*names}
 
 
@@ -570,14 +570,16 @@ def test_turns_reverse(monkeypatch: pytest.MonkeyPatch) -> None:
     assert {name: [len(us) for us in rounds] for name, rounds in times.items()} == {n: [k] * 3 for n, k in lengths.items()}
 
 
-def test_best_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_best_on_the_cpu(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cuda_floor, "FOLDER", tmp_path)
     path = tmp_path / "best.csv"
     options = ["--scenes", "R4k", "--size", "64x48", "--batches", "2x8x8", "--seconds", "0", "--csv", str(path)]
-    assert cuda_best.main(["--dry-run", *options, "--batch-scenes", "R4k+R4k", "--setting", "bin_owned:records=1000"]) == 0
+    assert best.main(["--device", "cpu", *options, "--batch-scenes", "R4k+R4k", "--setting", "bin_owned:records=1000"]) == 0
     rows = benchmark.read_csv(path)
-    ways = {"auto", *native.VARIANTS["cpu"][1:], "bin_owned records=1000"}
-    assert {row["variant"] for row in rows} - {"memset"} == ways
+    steps = {"bin_owned records=1048576", "bin_owned candidates=2097152", "two_stage share=64", "two_stage pairs=256"}
+    ways = {row["variant"] for row in rows} - {"memset"}
+    assert {"auto", *native.VARIANTS["cpu"][1:], "bin_owned records=1000", *steps} <= ways
+    assert native.VARIANTS["cpu"][0] not in ways
     assert {(row["scene"], row["views"]) for row in rows} == {("R4k", "1"), ("R4k+R4k", "2")}
     assert {row["wrong_pixels"] for row in rows if row["variant"] != "memset"} == {"0"}
     assert "2 cases; 0 wrong pixels; 0 failures" in capsys.readouterr().out

@@ -24,6 +24,7 @@ static_assert(kPlainPlane || !Rung::kBinOwned, "bin_owned has no other depth");
 // Whether the rung's rule treats the record as thin. The rules in float32 know no thin records, as published code does.
 constexpr bool kKnowsThin = !kFloat32Depth;
 BIGTRI_HD bool is_thin(const Record& r) { return kKnowsThin && (r.flags & kRecordThin); }
+BIGTRI_HD bool is_thin(const Primitive& p) { return kKnowsThin && is_thin(p.x, p.y, p.area); }
 
 // A record's depth within one cell.
 struct DepthInCell {

@@ -57,7 +57,7 @@ struct exact {
 };
 
 // What rungs have in common that differ from exact in attributes alone. They draw the same visibility buffers, bit for
-// bit, so on the CPU it is exact's code that draws them (setup.py, variants.cpp); attributes are their own.
+// bit, so it is exact's code that draws them (setup.py, variants.cpp, variants.cu); attributes are their own.
 struct drawn_as_exact : exact {
   static constexpr bool kDraws = false;
   static constexpr bool kBinOwned = false;

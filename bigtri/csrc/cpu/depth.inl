@@ -33,7 +33,13 @@ struct CellDepth {
   bool far;                                          // kRecordFar
 };
 
-BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* d) {
+// The depth of a record's plane at the cell's first pixel centre; of a thin record, which has none, any number.
+BIGTRI_INLINE DepthNumber cell_anchor(const Record& r, int bin_x, int bin_y) {
+  return is_thin(r) ? 0 : depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin);
+}
+
+// anchor: cell_anchor of the cell, where it is known already.
+BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, DepthNumber anchor, CellDepth* d) {
   d->zmin = r.zmin;
   d->zmax = r.zmax;
   d->triangle = r.triangle;
@@ -42,7 +48,7 @@ BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* 
   if (!d->thin) {
     d->dzdx = r.dzdx;
     d->dzdy = r.dzdy;
-    d->zcell = depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin);
+    d->zcell = anchor;
     return;
   }
   d->area = r.area.value;
@@ -53,6 +59,9 @@ BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* 
     d->ey[k] = (DepthNumber)kSubpixel * e.dx;
     d->z[k] = r.z[k];
   }
+}
+BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, CellDepth* d) {
+  cell_depth(r, bin_x, bin_y, cell_anchor(r, bin_x, bin_y), d);
 }
 
 // The plane's terms for every row and column of the cell. The depth of a pixel is then one addition.

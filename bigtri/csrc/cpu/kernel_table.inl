@@ -3,12 +3,17 @@
 #pragma once
 
 #include "attributes.inl"
+#include "batched.inl"
 #include "bin_owned.inl"
 #include "binning.inl"
+#include "coverage_masks.inl"
+#include "persistent.inl"
 #include "setup.inl"
 #include "shade.inl"
 #include "stages.inl"
 #include "texture.inl"
+#include "tile_owned.inl"
+#include "tile_queues.inl"
 #include "two_stage.inl"
 
 namespace bigtri {
@@ -26,6 +31,37 @@ constexpr BinOwnedKernels bin_owned_kernels() {
 constexpr TwoStageKernels two_stage_kernels() {
   if constexpr (Rung::kDraws)
     return {.draw_bin = draw_bin};
+  else
+    return {};
+}
+// What the other variants draw with needs of a rung what bin_owned does: coverage by integers, and plain planes of depth.
+constexpr BatchedKernels batched_kernels() {
+  if constexpr (Rung::kBinOwned)
+    return {.draw_box = draw_box};
+  else
+    return {};
+}
+constexpr TileQueuesKernels tile_queues_kernels() {
+  if constexpr (Rung::kBinOwned)
+    return {.find_tiles = find_tiles, .draw_queue = draw_queue};
+  else
+    return {};
+}
+constexpr CoverageMasksKernels coverage_masks_kernels() {
+  if constexpr (Rung::kBinOwned)
+    return {.coarse = coarse, .fine = fine};
+  else
+    return {};
+}
+constexpr PersistentKernels persistent_kernels() {
+  if constexpr (Rung::kBinOwned)
+    return {.draw_into = draw_into};
+  else
+    return {};
+}
+constexpr TileOwnedKernels tile_owned_kernels() {
+  if constexpr (Rung::kBinOwned)
+    return {.find_quads = find_quads, .draw_list = draw_list};
   else
     return {};
 }
@@ -61,11 +97,21 @@ constexpr ShadeKernels picture_kernels() {
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE
 
-#define BIGTRI_KERNEL_TABLE(NAME)                                                                                 \
-  inline namespace BIGTRI_NAMESPACE {                                                                             \
-  extern const Kernels kernels_##NAME;                                                                            \
-  const Kernels kernels_##NAME = {bin_owned_kernels(), stage_kernels(), attribute_kernels(), two_stage_kernels(), \
-                                  picture_kernels()};                                                             \
+#define BIGTRI_KERNEL_TABLE(NAME)                 \
+  inline namespace BIGTRI_NAMESPACE {             \
+  extern const Kernels kernels_##NAME;            \
+  const Kernels kernels_##NAME = {                \
+      .bin_owned = bin_owned_kernels(),           \
+      .stages = stage_kernels(),                  \
+      .attributes = attribute_kernels(),          \
+      .two_stage = two_stage_kernels(),           \
+      .shade = picture_kernels(),                 \
+      .batched = batched_kernels(),               \
+      .coverage_masks = coverage_masks_kernels(), \
+      .persistent = persistent_kernels(),         \
+      .tile_owned = tile_owned_kernels(),         \
+      .tile_queues = tile_queues_kernels(),       \
+  };                                              \
   }
 
 }  // namespace bigtri

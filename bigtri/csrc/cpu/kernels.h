@@ -1,6 +1,6 @@
 // The kernels: the functions that are compiled once per instruction set. The code that calls them declares them as a
-// struct (BinOwnedKernels, TwoStageKernels, StageKernels, AttributeKernels, ShadeKernels). A table of all of them is built for each instruction set
-// (kernel_table.inl); current_kernels() is the table in use.
+// struct: each variant that has such, the stages, the attribute pass and the shading pass. A table of all of them is built
+// for each instruction set (kernel_table.inl); current_kernels() is the table in use.
 #pragma once
 
 #include "../core/attributes.h"
@@ -10,7 +10,12 @@
 #include "../core/texture.h"
 #include "../core/tile_mask.h"
 #include "backend.h"
+#include "batched.h"
 #include "bin_owned.h"
+#include "coverage_masks.h"
+#include "persistent.h"
+#include "tile_owned.h"
+#include "tile_queues.h"
 #include "two_stage.h"
 
 namespace bigtri {
@@ -37,6 +42,11 @@ struct Kernels {
   AttributeKernels attributes;
   TwoStageKernels two_stage;
   ShadeKernels shade;
+  BatchedKernels batched;
+  CoverageMasksKernels coverage_masks;
+  PersistentKernels persistent;
+  TileOwnedKernels tile_owned;
+  TileQueuesKernels tile_queues;
 };
 
 const Kernels& current_kernels();

@@ -6,11 +6,9 @@
 #include <algorithm>
 
 #include "../core/pixel_depth.h"
-#include "../core/resolve.h"
 #include "../core/scanline.h"
 #include "atomic.h"
-#include "backend.h"
-#include "counting.h"
+#include "shares.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -54,32 +52,15 @@ void draw_record(const Record& r, const Frame& view, Counts* counts) {
 }
 
 void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
-  const int64_t rows = (int64_t)frame.views * frame.view.height, width = frame.view.width;
-  parallel(rows, [&](int64_t y) { std::fill_n(frame.packed + y * width, width, kBackground); });
-  std::fill_n(frame.dropped, frame.views, 0);
-  const int64_t share = values[0], shares = (frame.count + share - 1) / share;
-  parallel(frame.views * shares, [&](int64_t task) {
-    const Frame view = view_of(frame, task / shares);
-    const Range range = range_of(view, 0);
-    const int64_t begin = range.first + task % shares * share, end = std::min(begin + share, range.end);
+  clear_image(frame, parallel);
+  parallel(shares_of(frame, values[0]), [&](int64_t i) {
+    const Share share = share_of(frame, values[0], i);
+    const Frame view = view_of(frame, share.view);
     Counts counts;
-    Parent parent;
-    int64_t dropped = 0;
-    for (int64_t t = begin; t < end; ++t) {
-      dropped += expand_triangle(view, t, &parent) == Fate::kDropped;
-      for (int s = 0; s < parent.count; ++s) {
-        Record record;
-        fill_record(parent.primitive[s], t, &record);
-        draw_record(record, view, &counts);
-      }
-    }
-    __atomic_fetch_add(view.dropped, dropped, __ATOMIC_RELAXED);
+    set_up(frame, share, [&](const Record& r) { draw_record(r, view, &counts); });
     counts.publish_task(frame.counters);
   });
-  if (frame.depth)
-    parallel(rows, [&](int64_t y) {
-      std::transform(frame.packed + y * width, frame.packed + (y + 1) * width, frame.depth + y * width, depth_of);
-    });
+  write_depth_image(frame, parallel);
 }
 
 }  // namespace

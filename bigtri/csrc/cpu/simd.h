@@ -208,6 +208,7 @@ BIGTRI_INLINE Lanes<T, N> greatest(const Lanes<T, N>& a, const Lanes<T, N>& b) {
 
 alignas(64) constexpr double kLaneDouble[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 alignas(64) constexpr int32_t kLaneInt[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+alignas(64) constexpr int64_t kLaneLong[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 alignas(64) constexpr int32_t kLaneX[16] = {0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7};  // column within the tile
 alignas(64) constexpr int32_t kLaneY[16] = {0, 0, 0, 0, 0, 0, 0, 0,
                                             1, 1, 1, 1, 1, 1, 1, 1};  // row within a pair of rows
@@ -244,6 +245,12 @@ BIGTRI_INLINE uint32_t sign_mask(const f64x8& v) {
   for (int i = 0; i < 8; ++i) mask |= (uint32_t)(double_bits(v[i]) >> 63) << i;
   return mask;
 #endif
+}
+
+BIGTRI_INLINE uint32_t sign_mask(const i64x8& v) {
+  f64x8 same_bits;
+  __builtin_memcpy(&same_bits, &v, sizeof v);
+  return sign_mask(same_bits);
 }
 
 // Bit i: a[i] > b[i]. False for a NaN.
@@ -355,6 +362,10 @@ template <class T>
 BIGTRI_INLINE Lanes<T, 8> lane_numbers() {
   if constexpr (std::is_same_v<T, double>)
     return load<f64x8>(kLaneDouble);
+  else if constexpr (std::is_same_v<T, int64_t>)
+    return load<i64x8>(kLaneLong);
+  else if constexpr (std::is_same_v<T, int32_t>)
+    return load<i32x8>(kLaneInt);
   else
     return converted<T>(load<i32x8>(kLaneInt));
 }

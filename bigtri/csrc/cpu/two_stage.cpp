@@ -7,9 +7,8 @@
 #include <vector>
 
 #include "../core/coverage.h"
-#include "../core/resolve.h"
-#include "counting.h"
 #include "kernels.h"
+#include "shares.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -20,94 +19,60 @@ constexpr Parameter kParameters[] = {{"share", "triangles", "triangles that a ta
                                      {}};
 enum { kShare, kPairs };
 
-// Shares whose records and pairs are held at once. They bound the memory.
-constexpr int64_t kSharesTogether = 1024;
-
 struct Pair {
   int32_t record;  // of the share
   int16_t bin_x, bin_y;
 };
 
-// What set-up made of some consecutive triangles of a view.
-struct Share {
-  std::vector<Record> records;
-  std::vector<Pair> pairs;
-};
-
 // Consecutive pairs of a share.
 struct Block {
-  const Share* share;
-  size_t begin, end;
+  const Record* records;
+  const Pair *begin, *end;
 };
 
-void set_up_share(const Frame& view, int64_t view_index, int64_t begin, int64_t end, Share* share, Counts* counts) {
-  Parent parent;
-  int64_t dropped = 0, candidates = 0;
-  for (int64_t t = begin; t < end; ++t) {
-    dropped += expand_triangle(view, t, &parent) == Fate::kDropped;
-    for (int s = 0; s < parent.count; ++s) {
-      Record r;
-      fill_record(parent.primitive[s], t, &r);
-      r.view = (int32_t)view_index;
-      const BinBox box = bin_box(r);
-      candidates += box.count;
-      for (int i = 0; i < box.count; ++i) {
-        const int x = box.x + i % box.columns, y = box.y + i / box.columns;
-        EdgesInBin edges;
-        if (edges_in_bin(r, x, y, &edges))
-          share->pairs.push_back({(int32_t)share->records.size(), (int16_t)x, (int16_t)y});
-      }
-      share->records.push_back(r);
-    }
+void list_pairs(const Record& r, int32_t record, std::vector<Pair>* pairs, Counts* counts) {
+  const BinBox box = bin_box(r);
+  const size_t before = pairs->size();
+  for (int i = 0; i < box.count; ++i) {
+    const int x = box.x + i % box.columns, y = box.y + i / box.columns;
+    EdgesInBin edges;
+    if (edges_in_bin(r, x, y, &edges)) pairs->push_back({record, (int16_t)x, (int16_t)y});
   }
-  __atomic_fetch_add(view.dropped, dropped, __ATOMIC_RELAXED);
-  counts->add(Counter::records, (int64_t)share->records.size());
-  counts->add(Counter::by_tiles, (int64_t)share->records.size());
-  counts->add(Counter::candidates, candidates);
-  counts->add(Counter::bins_tested, candidates);
-  counts->add(Counter::bins_rejected, candidates - (int64_t)share->pairs.size());
-  counts->add(Counter::edges_64, 3 * candidates);
-  counts->add(Counter::entries, (int64_t)share->pairs.size());
-  counts->add(Counter::bytes, (int64_t)(share->records.size() * sizeof(Record) + share->pairs.size() * sizeof(Pair)));
+  const int64_t kept = (int64_t)(pairs->size() - before);
+  counts->add(Counter::candidates, box.count);
+  counts->add(Counter::bins_tested, box.count);
+  counts->add(Counter::bins_rejected, box.count - kept);
+  counts->add(Counter::edges_64, 3 * box.count);
+  counts->add(Counter::entries, kept);
+  counts->add(Counter::bytes, kept * (int64_t)sizeof(Pair));
 }
 
 void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
-  const int64_t rows = (int64_t)frame.views * frame.view.height, width = frame.view.width;
-  parallel(rows, [&](int64_t y) { std::fill_n(frame.packed + y * width, width, kBackground); });
-  std::fill_n(frame.dropped, frame.views, 0);
-  const int64_t size = values[kShare], shares = (frame.count + size - 1) / size, all = frame.views * shares;
+  clear_image(frame, parallel);
   const size_t together = (size_t)values[kPairs];
   const TwoStageKernels& kernels = current_kernels().two_stage;
-  for (int64_t first = 0; first < all; first += kSharesTogether) {
-    std::vector<Share> set_up((size_t)std::min(kSharesTogether, all - first));
-    parallel((int64_t)set_up.size(), [&](int64_t i) {
-      const int64_t view_index = (first + i) / shares;
-      const Frame view = view_of(frame, view_index);
-      const Range range = range_of(view, 0);
-      const int64_t begin = range.first + (first + i) % shares * size, end = std::min(begin + size, range.end);
-      Counts counts;
-      set_up_share(view, view_index, begin, end, &set_up[(size_t)i], &counts);
-      counts.publish(frame.counters);
+  each_round(frame, values[kShare], [&](Round& round) {
+    std::vector<std::vector<Pair>> pairs((size_t)round.count);
+    round.set_up(frame, parallel, [&](int64_t share, const Record* r, Counts* counts) {
+      list_pairs(*r, (int32_t)(r - round.records[(size_t)share].data()), &pairs[(size_t)share], counts);
     });
     std::vector<Block> blocks;
-    for (const Share& share : set_up)
-      for (size_t begin = 0; begin < share.pairs.size(); begin += together)
-        blocks.push_back({&share, begin, std::min(begin + together, share.pairs.size())});
+    for (size_t share = 0; share < pairs.size(); ++share)
+      for (size_t begin = 0; begin < pairs[share].size(); begin += together) {
+        const Pair* first = pairs[share].data() + begin;
+        blocks.push_back({round.records[share].data(), first, first + std::min(together, pairs[share].size() - begin)});
+      }
     parallel((int64_t)blocks.size(), [&](int64_t i) {
       const Block& block = blocks[(size_t)i];
       Counts counts;
-      for (size_t p = block.begin; p < block.end; ++p) {
-        const Pair& pair = block.share->pairs[p];
-        const Record& r = block.share->records[(size_t)pair.record];
-        kernels.draw_bin(r, pair.bin_x, pair.bin_y, pixels_of(frame, r.view), frame.view.width, &counts);
+      for (const Pair* p = block.begin; p < block.end; ++p) {
+        const Record& r = block.records[p->record];
+        kernels.draw_bin(r, p->bin_x, p->bin_y, pixels_of(frame, r.view), frame.view.width, &counts);
       }
       counts.publish_task(frame.counters);
     });
-  }
-  if (frame.depth)
-    parallel(rows, [&](int64_t y) {
-      std::transform(frame.packed + y * width, frame.packed + (y + 1) * width, frame.depth + y * width, depth_of);
-    });
+  });
+  write_depth_image(frame, parallel);
 }
 
 }  // namespace

@@ -1,11 +1,15 @@
 // The variants of the CPU that are compiled for each rung; the first is what "auto" means. Each is a file <name>.cpp
-// here, which defines <name>_variant. variants.cpp makes a table of them. A list stands on one line: setup.py reads it.
+// here, which defines <name>_variant. variants.cpp makes a table of them. setup.py reads the lists.
 #pragma once
 
-#define BIGTRI_CPU_VARIANTS_exact(X) X(bin_owned) X(scanline) X(two_stage)
-#define BIGTRI_CPU_VARIANTS_balanced(X) X(bin_owned) X(scanline) X(two_stage)
-#define BIGTRI_CPU_VARIANTS_fast(X) X(bin_owned) X(scanline) X(two_stage)
-#define BIGTRI_CPU_VARIANTS_subpixel4(X) X(bin_owned) X(scanline) X(two_stage)
+#define BIGTRI_CPU_VARIANTS_exact(X) \
+  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned)
+#define BIGTRI_CPU_VARIANTS_balanced(X) \
+  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned)
+#define BIGTRI_CPU_VARIANTS_fast(X) \
+  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned)
+#define BIGTRI_CPU_VARIANTS_subpixel4(X) \
+  X(bin_owned) X(scanline) X(two_stage) X(batched) X(tile_queues) X(coverage_masks) X(persistent) X(tile_owned)
 #define BIGTRI_CPU_VARIANTS_subpixel12(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_subpixel16(X) X(two_stage)
 #define BIGTRI_CPU_VARIANTS_coverage_int64(X) X(two_stage)

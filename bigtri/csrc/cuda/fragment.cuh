@@ -47,7 +47,7 @@ struct Entry {
   uint32_t info;
   float nearest;  // depth in that area
 
-  __device__ __forceinline__ bool thin() const { return info & kRecordThin; }
+  __device__ __forceinline__ bool thin() const { return kKnowsThin && (info & kRecordThin); }
   __device__ __forceinline__ bool far() const { return info & kRecordFar; }
   // Covers all of the area, and finish_depth changes nothing there.
   __device__ __forceinline__ bool alone() const { return (~info & (kEntryFull | kEntryPlain)) == 0; }
@@ -86,6 +86,10 @@ struct Meeting {
 // Of the record in a slot and the area of a bin, px from the bin's corner. Extremes in int64: an edge far away does not
 // fit 32 bits; one that crosses the bin does. Without branches: the edges and the depth are independent of each other,
 // and what takes time here is waiting for one result after the other.
+//
+// nearest and farthest bound every pixel of the area as computed, in whatever the rung's planes are: core/depth.h has
+// the proof. What makes them depths, a rounding to float32 and the clamp, is monotone too. So where they lie within
+// [zmin, zmax], the clamp changes no pixel between them.
 __device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_x, int bin_y, int left, int top,
                                         int columns, int rows) {
   Meeting m;
@@ -108,9 +112,9 @@ __device__ __forceinline__ Meeting meet(const Record& r, uint32_t slot, int bin_
   }
   m.zcell = weighted_depth<DepthNumber, DepthNumber, DepthNumber>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], r.area);
   const CellPlane plane = {m.zcell, r.dzdx, r.dzdy};
-  const double nearest = corner_plane(plane, left, top, columns - 1, rows - 1, false),
-               farthest = corner_plane(plane, left, top, columns - 1, rows - 1, true);
-  const bool thin = r.flags & kRecordThin, hides = full && !(r.flags & kRecordFar);
+  const DepthNumber nearest = corner_plane(plane, left, top, columns - 1, rows - 1, false),
+                    farthest = corner_plane(plane, left, top, columns - 1, rows - 1, true);
+  const bool thin = is_thin(r), hides = full && !(r.flags & kRecordFar);
   const bool plain = !thin && r.zmin > 0.0f && r.zmax <= 1.0f && (float)nearest >= r.zmin && (float)farthest <= r.zmax;
   m.nearest = !meets ? kNotANumber : thin ? r.zmin : finish_depth(nearest, r.zmin, r.zmax);
   m.farthest = !hides ? kInfinity : thin ? r.zmax : finish_depth(farthest, r.zmin, r.zmax);
@@ -151,6 +155,12 @@ __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, boo
   asm volatile("red.relaxed.gpu.global.min.s64 [%0], %1;" ::"l"(__cvta_generic_to_global(pixel)), "l"(packed));
 }
 
+// The same for a pixel in shared memory, where warps may draw at the same time. Of 64 bits, a minimum there is a
+// compare-and-swap, so the pixel is read first.
+__device__ __forceinline__ void keep_nearest_shared(int64_t* pixel, int64_t packed) {
+  if (reread(*pixel) > packed) atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed);
+}
+
 // Pixels next to each other of a record, from (x, y) on in a row, or in a column, each with a test and a plane of its
 // own: for what is thin, and for the ends of slivers. first: the first one in the frame; stride: to the next one.
 __device__ __noinline__ void draw_tested(int64_t* first, int stride, const Record& r, int x, int y, bool in_row,
@@ -162,13 +172,13 @@ __device__ __noinline__ void draw_tested(int64_t* first, int stride, const Recor
     for (int k = 0; k < 3; ++k) outside |= edge_steps(edge_of(r.x, r.y, k), px, py);
     if (outside < 0) continue;
     float depth;
-    if (r.flags & kRecordThin) {
+    if (is_thin(r)) {
       depth = thin_depth(&r, px, py);
     } else {
       const CellPlane plane = cell_plane(r, px / kBin, py / kBin);
       depth = finish_depth(
-          plane_row<double>(plane.zcell, plane.dzdy, py % kBin) + plane_column<double>(plane.dzdx, px % kBin), r.zmin,
-          r.zmax);
+          plane_row<DepthNumber>(plane.zcell, plane.dzdy, py % kBin) + plane_column<DepthNumber>(plane.dzdx, px % kBin),
+          r.zmin, r.zmax);
     }
     keep_nearest(first + (int64_t)m * stride, pack_fragment(depth, r.triangle), false);
   }

@@ -31,6 +31,10 @@ constexpr int64_t kThreadCounts[] = {32, 64, 128, 256, kMostThreads, -1};
     "may show; 0: by the image and the number of triangles",                                                         \
     0, 0, 1024, kShares)
 
+#define BIGTRI_EARLY_Z_PARAMETER(X)                                                                                    \
+  X(early_z, "", "1: what lies behind all that has been drawn is rejected before its depth is computed; 0: it is not", \
+    1, 0, 1)
+
 #define BIGTRI_ROWS_PARAMETER(X)                                                                                      \
   X(rows, "",                                                                                                         \
     "1: triangles that fit are drawn by rows at set-up; 0: all wait, as they always do with a rung of the ladder", 1, \

@@ -163,11 +163,6 @@ __device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int coun
   }
 }
 
-// In shared memory, where warps may draw on the same pixel.
-__device__ __forceinline__ void keep_nearest_shared(int64_t* pixel, int64_t packed) {
-  if (reread(*pixel) > packed) atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed);
-}
-
 // A row of tiles of one entry, into shared memory. By all lanes of a warp.
 __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records, const Entry& e, int bin_x, int bin_y,
                                            int row, int64_t* pixels) {
@@ -180,7 +175,7 @@ __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records
   const unsigned touched = __ballot_sync(kAllLanes, any) & 0xff, full = __ballot_sync(kAllLanes, all) & 0xff;
   for (unsigned todo = touched; todo; todo &= todo - 1) {
     const int tile = __ffs(todo) - 1, i = tile * kTile + (lane_id() & 7);
-    const double column = plane_column<double>(e.plane.dzdx, i);
+    const DepthNumber column = plane_column<DepthNumber>(e.plane.dzdx, i);
 #pragma unroll
     for (int half = 0; half < 2; ++half) {
       const int y = row * kTile + (lane_id() >> 3) + 4 * half, px = bin_x * kBin + i, py = bin_y * kBin + y;
@@ -188,9 +183,9 @@ __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records
       if (!(full >> tile & 1))
         for (int k = 0; k < 3; ++k) outside |= e.edge[k].f + i * e.edge[k].sx + y * e.edge[k].sy;
       if (outside < 0 || px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) continue;
-      const float z = e.thin()
-                          ? thin_depth(records + e.slot(), px, py)
-                          : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
+      const float z =
+          e.thin() ? thin_depth(records + e.slot(), px, py)
+                   : finish_depth(plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
       keep_nearest_shared(&pixels[y * kBin + i], pack_fragment(z, e.triangle));
     }
   }

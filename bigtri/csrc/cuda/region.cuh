@@ -81,11 +81,11 @@ struct Region {
     }
     if (e.thin() || e.far()) return draw_special(e, covered, records);
     if (first && e.plain())  // as most of large triangles
-      each_depth(e, [&](int n, double z) {
+      each_depth(e, [&](int n, DepthNumber z) {
         if (covered & bit_of(n)) best[n] = pack_depth((float)z, e.triangle);
       });
     else
-      each_depth(e, [&](int n, double z) {
+      each_depth(e, [&](int n, DepthNumber z) {
         const int64_t packed = pack_depth(finish_depth(z, e.zmin, e.zmax), e.triangle);
         if ((covered & bit_of(n)) && packed < best[n]) best[n] = packed;
       });
@@ -93,21 +93,21 @@ struct Region {
 
   // draw() of an entry that covers all of the region, where nothing else does: begin() and clear() are not needed.
   __device__ __forceinline__ void fill(const Entry& e) {
-    each_depth(e, [&](int n, double z) { best[n] = pack_depth((float)z, e.triangle); });
+    each_depth(e, [&](int n, DepthNumber z) { best[n] = pack_depth((float)z, e.triangle); });
   }
 
   // Calls use(index in best, plane) for the lane's pixels.
   template <class Use>
   __device__ __forceinline__ void each_depth(const Entry& e, const Use& use) const {
-    // Sums of small integers are exact, and cheaper than conversions. Not computed once for all entries: there are no
-    // registers to keep them in.
-    const double column = exact_double(computed_here(lane_left() & (kBin - 1))),
-                 line = exact_double(computed_here(lane_top() & (kBin - 1)));
-    const double left = plane_column<double>(e.plane.dzdx, column),
-                 right = plane_column<double>(e.plane.dzdx, column + 1.0);
+    // Sums of small integers are exact, in float32 too, and cheaper than conversions. Not computed once for all
+    // entries: there are no registers to keep them in.
+    const DepthNumber column = place_in_cell(computed_here(lane_left() & (kBin - 1))),
+                      line = place_in_cell(computed_here(lane_top() & (kBin - 1)));
+    const DepthNumber left = plane_column<DepthNumber>(e.plane.dzdx, column),
+                      right = plane_column<DepthNumber>(e.plane.dzdx, column + 1);
 #pragma unroll
     for (int row = 0; row < 4; ++row) {
-      const double start = plane_row<double>(e.plane.zcell, e.plane.dzdy, line + 4.0 * row);
+      const DepthNumber start = plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, line + 4 * row);
       use(2 * row, start + left);
       use(2 * row + 1, start + right);
     }
@@ -120,8 +120,8 @@ struct Region {
       if (!(covered & bit_of(n))) continue;
       const int px = lane_left() + n % 2, py = lane_top() + n / 2 * 4;
       const float z = e.thin() ? thin_depth(records + e.slot(), px, py)
-                               : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, py & (kBin - 1)) +
-                                                  plane_column<double>(e.plane.dzdx, px & (kBin - 1)),
+                               : finish_depth(plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, py & (kBin - 1)) +
+                                                  plane_column<DepthNumber>(e.plane.dzdx, px & (kBin - 1)),
                                               e.zmin, e.zmax);
       const int64_t packed = pack_fragment(z, e.triangle);
 #pragma unroll

@@ -13,7 +13,7 @@ namespace {
 
 // A triangle that is drawn by rows.
 struct RowTriangle {
-  double zcell, dzdx, dzdy;  // depth plane in the cell that the bbox begins in
+  DepthNumber zcell, dzdx, dzdy;  // depth plane in the cell that the bbox begins in
   float zmin, zmax;
   uint32_t triangle;
   uint32_t corner;  // of the bbox, px: x | y << 16
@@ -27,13 +27,13 @@ struct RowTriangle {
   __device__ __forceinline__ int x() const { return (int)(corner & 0xffff); }
   __device__ __forceinline__ int y() const { return (int)(corner >> 16); }
   __device__ __forceinline__ int columns() const { return (int)(size & 0x7fff); }
-  __device__ __forceinline__ bool thin() const { return size & 0x8000; }
+  __device__ __forceinline__ bool thin() const { return kKnowsThin && (size & 0x8000); }
   __device__ __forceinline__ int rows() const { return (int)(size >> 16); }
 };
 
 // What the pixels of a row have in common.
 struct alignas(16) Row {
-  double z, dzdx;  // plane at the first pixel of the cell's row, and its change per px
+  DepthNumber z, dzdx;  // plane at the first pixel of the cell's row, and its change per px
   float zmin, zmax;
   uint32_t triangle;
   uint32_t at;  // the cell's first pixel in this row, in the image
@@ -60,24 +60,24 @@ __device__ __forceinline__ void make_row_triangle(const Primitive& p, uint32_t t
   const DepthGradient gradient = depth_gradient(p.x, p.y, p.z, area);
   const int left = p.x0 & -kBin, top = p.y0 & -kBin;
   int64_t value[3];
-  double g[3];
+  DepthNumber g[3];
 #pragma unroll
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(p.x, p.y, k);
     value[k] = edge_value(e, pixel_centre(left), pixel_centre(top));
-    g[k] = (double)value[k];
+    g[k] = (DepthNumber)value[k];
     r->f[k] = (int32_t)steps_of(value[k], e) - e.dy * (p.x0 - left) + e.dx * (p.y0 - top);
     r->sx[k] = -e.dy;
     r->sy[k] = e.dx;
   }
-  r->zcell = weighted_depth<double, double, double>(g[0], g[1], g[2], p.z[0], p.z[1], p.z[2], area);
+  r->zcell = weighted_depth<DepthNumber, DepthNumber, DepthNumber>(g[0], g[1], g[2], p.z[0], p.z[1], p.z[2], area);
   r->dzdx = gradient.dzdx;
   r->dzdy = gradient.dzdy;
   r->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
   r->zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
   r->triangle = triangle;
   r->corner = (uint32_t)p.x0 | (uint32_t)p.y0 << 16;
-  const bool thin = is_thin(p.x, p.y, p.area);
+  const bool thin = is_thin(p);
   r->size = (uint32_t)(p.x1 - p.x0) | (thin ? 0x8000u : 0) | (uint32_t)(p.y1 - p.y0) << 16;
   if (thin || p.x1 - left > kBin || p.y1 - top > kBin) {
     for (int k = 0; k < 3; ++k) {
@@ -89,13 +89,13 @@ __device__ __forceinline__ void make_row_triangle(const Primitive& p, uint32_t t
 }
 
 // depth_at() so many px to the right of the cell's first pixel, and below it: zcell of other cells, and the depth of
-// thin triangles.
-__device__ __forceinline__ double depth_beside(const RowTriangle& r, int right, int below) {
-  double g[3];
+// thin triangles. Edge values are exact until they become a DepthNumber, so it is rounded where depth_at() rounds.
+__device__ __forceinline__ DepthNumber depth_beside(const RowTriangle& r, int right, int below) {
+  DepthNumber g[3];
 #pragma unroll
   for (int k = 0; k < 3; ++k)
-    g[k] = (double)(r.value[k] + (int64_t)(kSubpixel * right) * r.sx[k] + (int64_t)(kSubpixel * below) * r.sy[k]);
-  return weighted_depth<double, double, double>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], r.area);
+    g[k] = (DepthNumber)(r.value[k] + (int64_t)(kSubpixel * right) * r.sx[k] + (int64_t)(kSubpixel * below) * r.sy[k]);
+  return weighted_depth<DepthNumber, DepthNumber, DepthNumber>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], r.area);
 }
 
 // `count` pixels of a row of a thin triangle, by its lane alone: there are few. first: in the frame; right, below: of
@@ -151,7 +151,7 @@ __device__ __forceinline__ void draw_pixels(int64_t* pixels, int first, int coun
     const int n = first + g * kWarp + lane;
     const Row row = s->row[owner[g]];
     const int i = n + s->shift[owner[g]];
-    const double z = row.z + plane_column<double>(row.dzdx, exact_double(i));
+    const DepthNumber z = row.z + plane_column<DepthNumber>(row.dzdx, place_in_cell(i));
     const float depth = finish_depth(z, row.zmin, row.zmax);
     seen[g] = n < count && depth <= 1.0f;
     packed[g] = pack_depth(depth, row.triangle);
@@ -188,7 +188,7 @@ __device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTr
   for (; first < total; first += step) {
     const int owner = interval_at(first, begin, have, lanes_to_here);
     RowSpan span = {0, 0};
-    double z = 0.0;   // Row::z
+    DepthNumber z = 0;  // Row::z
     uint32_t at = 0;  // Row::at
     int shift = 0;
     int below = 0;  // of the row, px from the first cell's top
@@ -202,8 +202,8 @@ __device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTr
 #pragma unroll
       for (int k = 0; k < 3; ++k) cut_row(r.f[k] + r.sy[k] * down, r.sx[k], &span);
       below = y - (r.y() & -kBin);
-      const double zcell = (right | (below & -kBin)) ? depth_beside(r, right * kBin, below & -kBin) : r.zcell;
-      z = plane_row<double>(zcell, r.dzdy, exact_double(y & (kBin - 1)));
+      const DepthNumber zcell = (right | (below & -kBin)) ? depth_beside(r, right * kBin, below & -kBin) : r.zcell;
+      z = plane_row<DepthNumber>(zcell, r.dzdy, place_in_cell(y & (kBin - 1)));
       at = (uint32_t)(y * width + left);
       shift = span.lower + x - left;
       thin = r.thin() && span.lower < span.upper;

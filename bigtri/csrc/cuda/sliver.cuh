@@ -31,7 +31,7 @@ __host__ __device__ inline int sliver_chunks(const Viewport& v) {
 
 // Where line n of a chunk crosses an edge: first + next * n, in pixels across, counted so that rounding up gives the
 // first pixel inside where lines enter there, and minus the last one where they leave. Minus infinity, which bounds
-// nothing, where that would not be exact.
+// nothing, where that would not be exact. In float64 whatever depth is computed in, since it decides coverage.
 struct Crossing {
   double first, next;
   bool enters, exact;
@@ -83,7 +83,7 @@ struct SliverShared {
   Record record;
   Lines part;  // to be drawn
   Crossing crossing[3];
-  double zcell[kSliverCells][kSliverRows];
+  DepthNumber zcell[kSliverCells][kSliverRows];
   int row[kSliverCells];  // the first
   uint32_t item[kSliverThreads];  // to be drawn
   int count;
@@ -184,9 +184,9 @@ struct SliverLines {
   // Draws each line by a thread, its pixels where two quotients say. Returns which of the thread's lines are odd and
   // still to be drawn, a bit each.
   __device__ __forceinline__ uint32_t draw(const Frame& f) const {
-    const bool exact = !(r.flags & kRecordThin) && crossing[0].exact && crossing[1].exact && crossing[2].exact;
+    const bool exact = !is_thin(r) && crossing[0].exact && crossing[1].exact && crossing[2].exact;
     const int first_cell = begin / kBin;
-    const double dzdx = r.dzdx, dzdy = r.dzdy;
+    const DepthNumber dzdx = r.dzdx, dzdy = r.dzdy;
     const float zmin = r.zmin, zmax = r.zmax;
     const uint32_t triangle = r.triangle;
     int64_t* const packed = pixels_of(f, r.view);
@@ -201,17 +201,17 @@ struct SliverLines {
       last = base + (int)threadIdx.x < lines ? last + low : -1;
       const int line = begin + n, number = (line >> kBinBits) - first_cell;
       const int row = s->row[number];
-      const double across = exact_double(line & (kBin - 1));
+      const DepthNumber across = place_in_cell(line & (kBin - 1));
       if (from <= last && (!exact || (from >> kBinBits) < row || (last >> kBinBits) >= row + kSliverRows)) {
         odd |= 1u << turn;
         last = -1;
       }
-      const double* const zcell = s->zcell[number] - row;
+      const DepthNumber* const zcell = s->zcell[number] - row;
 #pragma unroll 1
       for (int m = from; m <= last; ++m) {
-        const double along = exact_double(m & (kBin - 1));
-        const double z = plane_row<double>(zcell[m >> kBinBits], dzdy, kColumns ? along : across) +
-                         plane_column<double>(dzdx, kColumns ? across : along);
+        const DepthNumber along = place_in_cell(m & (kBin - 1));
+        const DepthNumber z = plane_row<DepthNumber>(zcell[m >> kBinBits], dzdy, kColumns ? along : across) +
+                              plane_column<DepthNumber>(dzdx, kColumns ? across : along);
         const int at = kColumns ? m * width + line : line * width + m;
         keep_nearest(packed + (uint32_t)at, pack_fragment(finish_depth(z, zmin, zmax), triangle), false);
       }

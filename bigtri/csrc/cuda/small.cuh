@@ -19,8 +19,8 @@ struct SmallShared {
   struct alignas(16) Box {
     // Of the cell that the corner lies in, and of those to the right, below, and both, as far as the box reaches
     // there.
-    double zcell[4];
-    double dzdx, dzdy;
+    DepthNumber zcell[4];
+    DepthNumber dzdx, dzdy;
     float zmin, zmax;
     uint32_t triangle;
     uint32_t in_cell;  // the corner's x and y << 16 in its cell, px
@@ -35,15 +35,16 @@ struct SmallShared {
 
 __device__ __forceinline__ bool is_small(const Primitive& p) {
   return p.x1 - p.x0 <= kBoxSide && p.y1 - p.y0 <= kBoxSide && extent_of(p) <= kSmallExtent &&
-         max_of(max_of(p.z[0], p.z[1]), p.z[2]) <= 1.0f && !is_thin(p.x, p.y, p.area);
+         max_of(max_of(p.z[0], p.z[1]), p.z[2]) <= 1.0f && !is_thin(p);
 }
 
 // One edge of a small triangle in float32. Its values over a box are integers below 2^21, so float32 holds them
 // exactly, and so are its steps. A row of eight pixels crosses it at a quotient of the two, which is an integer or at
 // least 2^-13 away from one: float32 quotients below 8 are off by 2^-18 at most, and a slack between the two makes them
-// exact where they are rounded to integers. What a row's crossing is multiplied with so that rounding it to an integer
-// gives how far 0xff00 has to be shifted for the row's coverage: by 8 where all eight pixels are inside, by less where
-// the first ones are not, by more where the last ones are not.
+// exact where they are rounded to integers. All of this is about edges, so it holds for every rule of depth. What a
+// row's crossing is multiplied with so that rounding it to an integer gives how far 0xff00 has to be shifted for the
+// row's coverage: by 8 where all eight pixels are inside, by less where the first ones are not, by more where the last
+// ones are not.
 struct RowEdge {
   float at, to_next;  // f at the first pixel of the row, and its step to the next row
   float scale, offset, direction;
@@ -121,9 +122,9 @@ __device__ __forceinline__ void draw_listed(int width, int count, int lane, cons
     const int pixel = s->pixels[i];
     const SmallShared::Box& box = s->box[pixel >> 6];
     const uint32_t x = pixel & 7, y = pixel >> 3 & 7, at = box.in_cell + (x | y << 16);
-    const double zcell = box.zcell[(at >> kBinBits & 1) | (at >> (kBinBits + 15) & 2)];
-    const double z = plane_row<double>(zcell, box.dzdy, exact_double((int)(at >> 16 & (kBin - 1)))) +
-                     plane_column<double>(box.dzdx, exact_double((int)(at & (kBin - 1))));
+    const DepthNumber zcell = box.zcell[(at >> kBinBits & 1) | (at >> (kBinBits + 15) & 2)];
+    const DepthNumber z = plane_row<DepthNumber>(zcell, box.dzdy, place_in_cell((int)(at >> 16 & (kBin - 1)))) +
+                          plane_column<DepthNumber>(box.dzdx, place_in_cell((int)(at & (kBin - 1))));
     const int64_t packed = pack_depth(finish_depth(z, box.zmin, box.zmax), box.triangle);
     keep_nearest(box.corner + (y * (uint32_t)width + x), packed, false);
   }

@@ -5,7 +5,7 @@
 
 #include "clear.h"
 #include "depth_image.h"
-#include "direct.cuh"
+#include "pairs.cuh"
 #include "parameters.h"
 #include "share.cuh"
 
@@ -21,77 +21,20 @@ namespace {
   BIGTRI_ROWS_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
-// Rows rest on what bin_owned rests on: edges in int32 over a bounding box, and planes in float64.
-constexpr bool kHasRows = Rung::kBinOwned && kDepthRule == DepthRule::kFloat64Cell;
+// Rows rest on what bin_owned rests on: edges in int32 over a bounding box, and the planes of core/depth.h.
+constexpr bool kHasRows = Rung::kBinOwned;
 static_assert(!kHasRows || (!kFloatCoverage && !Rung::kWideEdges && !Rung::kWraps),
               "what is drawn by rows has the rung's bits");
 
-enum Counter { kRecordCount, kPairCount, kNextPair, kCounters };
-
-struct Pair {
-  uint32_t record;
-  uint16_t bin_x, bin_y;
-};
-
-struct Queue {
-  Record* records;
-  Pair* pairs;
-  uint64_t* counters;
-  uint32_t record_room, pair_room;
+struct Queue : PairQueue {
   Vertex* projected;
 };
 
 Queue take_queue(Scratch* scratch, const Frame& f, const Values& v) {
   Queue q;
-  q.record_room = (uint32_t)min_of<int64_t>(v.queue, (int64_t)f.count * kMaxSubTriangles);
-  // Sixteen bins for each record that may wait; a queue that is as small as tests make it is small for pairs too, so
-  // that they see it full.
-  q.pair_room = (uint32_t)(v.queue < 16 ? v.queue : 16 * v.queue);
-  q.records = scratch->take<Record>(q.record_room);
-  q.pairs = scratch->take<Pair>(q.pair_room);
-  q.counters = scratch->take<uint64_t>(kCounters);
+  static_cast<PairQueue&>(q) = take_pairs(scratch, f, v.queue);
   q.projected = take_projected(scratch, f, way_of(v.share) == Way::kTested);
   return q;
-}
-
-// The record's bins that no edge rejects, a lane each, to the queue; what finds no room there is drawn at once. All
-// lanes.
-__device__ __forceinline__ void queue_pairs(const Frame& f, const Queue& q, const Record& r, uint32_t slot) {
-  const BinBox bins = bin_box(r);
-  for (int base = 0; base < bins.count; base += kWarp) {
-    const int i = base + lane_id(), x = bins.x + i % bins.columns, y = bins.y + i / bins.columns;
-    TileEdges edges;
-    const bool kept = i < bins.count && edges_in_bin(r, x, y, &edges);
-    const unsigned all = __ballot_sync(kAllLanes, kept);
-    if (!all) continue;
-    uint32_t at = 0;
-    if (lane_id() == 0) at = claim(&q.counters[kPairCount], q.pair_room, (uint32_t)__popc(all));
-    at = __shfl_sync(kAllLanes, at, 0) + __popc(all & lanes_below());
-    const bool room = at < q.pair_room;
-    if (kept && room) q.pairs[at] = {slot, (uint16_t)x, (uint16_t)y};
-    for (unsigned todo = __ballot_sync(kAllLanes, kept && !room); todo; todo &= todo - 1) {
-      const int lane = __ffs(todo) - 1;
-      warp_draw_bin(f.packed, f.view.width, r, __shfl_sync(kAllLanes, x, lane), __shfl_sync(kAllLanes, y, lane));
-    }
-  }
-}
-
-// A warp's records to the queue, one at a time with all lanes, so that a huge one holds up no lane; what finds no room
-// is drawn.
-__device__ __noinline__ void queue_or_draw(const Frame& f, const Queue& q, const Record* records, int count) {
-  uint32_t first = 0;
-  if (lane_id() == 0) first = claim(&q.counters[kRecordCount], q.record_room, (uint32_t)count);
-  first = __shfl_sync(kAllLanes, first, 0);
-  for (int i = 0; i < count; ++i) {
-    const uint32_t slot = first + (uint32_t)i;
-    if (slot < q.record_room) {
-      copy_record(q.records + slot, records[i]);
-      queue_pairs(f, q, records[i], slot);
-    } else {
-      warp_draw(f.packed, f.view.width, records[i]);
-    }
-  }
-  __syncwarp();
 }
 
 constexpr int kThreads = 256;
@@ -110,15 +53,7 @@ __global__ void __launch_bounds__(kThreads)
     draw_pairs(const __grid_constant__ Frame f, const __grid_constant__ Queue q) {
   let_next_begin();
   wait_for_previous();
-  const uint32_t count = (uint32_t)min_of<uint64_t>(q.counters[kPairCount], q.pair_room);
-  for (;;) {
-    uint32_t i = 0;
-    if (lane_id() == 0) i = claim(&q.counters[kNextPair], count, 1);
-    i = __shfl_sync(kAllLanes, i, 0);
-    if (i >= count) return;
-    const Pair pair = q.pairs[i];
-    warp_draw_bin(f.packed, f.view.width, q.records[pair.record], pair.bin_x, pair.bin_y);
-  }
+  each_pair(q, [&](const Record& r, int bin_x, int bin_y) { warp_draw_bin(f.packed, f.view.width, r, bin_x, bin_y); });
 }
 
 // kRows: whether the rung has the kernels that draw by rows.
@@ -138,7 +73,7 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
   if (way == Way::kQueued)
     BIGTRI_CUDA(share_queued(set_up_and_enqueue<Way::kQueued>, f, v.share, &sharing, &set_up_blocks));
   if (way == Way::kTogether) q.projected = nullptr;  // blocks project corners while the image is cleared
-  BIGTRI_CUDA(launch_clear(f, q.projected, Zeros::of(q.counters, kCounters), stream));
+  BIGTRI_CUDA(launch_clear(f, q.projected, q.zeros(), stream));
   if (f.count > 0) {
     int blocks;
     const int widest = widest_rows(f, way, v.widest);

@@ -2,9 +2,11 @@
 // compiles what is listed here. A list stands on one line: setup.py, .ci/run and tests/cuda/cuda_on_cpu.py read it.
 #pragma once
 
-#define BIGTRI_CUDA_VARIANTS_exact(X) X(bin_owned) X(two_stage) X(persistent) X(scanline) X(batched)
-#define BIGTRI_CUDA_VARIANTS_balanced(X) X(two_stage)
-#define BIGTRI_CUDA_VARIANTS_fast(X) X(two_stage)
+// clang-format off: as long as it is
+#define BIGTRI_CUDA_VARIANTS_exact(X) X(bin_owned) X(two_stage) X(persistent) X(scanline) X(batched) X(recursive_descent) X(hierarchical_tiles) X(tile_queues) X(coverage_masks) X(tile_owned)
+// clang-format on
+#define BIGTRI_CUDA_VARIANTS_balanced(X) X(bin_owned) X(two_stage) X(persistent)
+#define BIGTRI_CUDA_VARIANTS_fast(X) X(bin_owned) X(two_stage) X(persistent)
 #define BIGTRI_CUDA_VARIANTS_subpixel4(X) X(two_stage)
 #define BIGTRI_CUDA_VARIANTS_subpixel12(X) X(two_stage)
 #define BIGTRI_CUDA_VARIANTS_subpixel16(X) X(two_stage)

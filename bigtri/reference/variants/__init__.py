@@ -13,6 +13,7 @@ class Model(Protocol):
     STANDARD: dict[str, int]  # what its parameters are by default
     # Whether it spares work that depth shows to be of no use, in an order that threads decide.
     REJECTS_BY_DEPTH: bool
+    OWNS_PIXELS: bool  # whether a pixel is one task's, which stores it; else many offer it fragments with an atomic minimum
 
     def count(self, job: Job) -> dict[str, int]:
         """What the variant counts in one view, by the counter's name, drawn by one thread."""

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scanline import scanline
-from ..work import NO_QUEUE, Job, load, passing, sums_by
+from ..work import Job, fragments_of, load, passing, sums_by
 
 STANDARD = {"share": 256}  # of the variant's parameters
 REJECTS_BY_DEPTH = False
+OWNS_PIXELS = False
 
 
 def count(job: Job) -> dict[str, int]:
     """Records, rows of their bounding boxes, and the pixels that they cover, each with an atomic minimum if it is nearer."""
     records = job.records
-    spans = scanline(records, *NO_QUEUE, np.arange(len(records.xy), dtype=np.int32), job.arithmetic)
     rows = (records.bbox[:, 3] - records.bbox[:, 1]).astype(np.int64)
-    fragments = np.zeros(len(rows), np.int64)
-    np.add.at(fragments, spans[:, 0], spans[:, 3] - spans[:, 2])
+    fragments = fragments_of(job)
     passed = passing(job)
     return {
         "records": len(rows),

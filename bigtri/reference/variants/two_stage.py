@@ -10,6 +10,7 @@ from ..work import Job, load, passing, record_bytes, sums_by, tiles_of
 
 STANDARD = {"share": 256, "pairs": 64}  # of the variant's parameters
 REJECTS_BY_DEPTH = False
+OWNS_PIXELS = False
 _PAIR_BYTES = 8
 
 

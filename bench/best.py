@@ -1,12 +1,15 @@
 """What "auto" chooses against the best of all variants and settings, for every scene, size and batch.
 
-A fixed way is a variant, or one with parameters: those of `cuda_cases.SETTINGS` that the extension has, and those of
-`--setting`. Each way draws a few frames; what takes more than twice as long as the fastest has lost, and the others and
-auto take turns by graph replay (cuda_clock.py), so that their times can be compared. Images are compared with the CPU's,
-bit for bit. A case is marked where auto takes more than 1.1 times as long as the best way, and more than 1 us longer.
+A fixed way is a variant, or one with parameters: on CUDA those of `cuda_cases.SETTINGS` that the extension has, on the CPU
+every parameter at a quarter and at four times its standard value, and those of `--setting`. Each way draws a few frames; what
+takes more than twice as long as the fastest has lost, and the others and auto take turns (cuda_clock.py; on CUDA by graph
+replay), so that their times can be compared. Images are compared with the CPU's, bit for bit. A case is marked where auto
+takes more than 1.1 times as long as the best way, and more than 1 us longer.
 
-    python bench/cuda_best.py --csv build/gpu/cuda_best.csv
-    python bench/cuda_best.py --scenes R4k --batches none --setting two_stage:widest=64 --setting bin_owned:few=0,share=16
+    python bench/best.py --csv build/gpu/cuda_best.csv
+    python bench/best.py --scenes R4k --batches none --setting two_stage:widest=64 --setting bin_owned:few=0,share=16
+    python bench/best.py --device cpu --batches none --csv bench/results/best_cpu.csv
+    python bench/best.py --device cpu --batches none --tuning tuning.json
 """
 
 from __future__ import annotations
@@ -15,7 +18,9 @@ import argparse
 import statistics
 import sys
 import time
+from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import cuda_cases
@@ -26,14 +31,16 @@ import torch
 from cuda_cases import AUTO, Case, Way
 from cuda_clock import Call, Clock, Job, Machine, Row, text_of
 
+import bigtri
 from bigtri import native
 from bigtri.app import arguments as option_types
 from bigtri.precision import DEFAULT
-from bigtri.study import benchmark
+from bigtri.study import benchmark, tune
 
 MEMSET = "memset"
 LIMIT = 100_000  # us: what takes longer is not tried again
 LOST = 2  # times the fastest fixed way: what takes longer does not take turns
+HOPELESS = 5  # times the fastest way before: of a variant that takes longer no parameters are tried
 ALLOWED = (1.1, 1.0)  # times, and us above, the best way's time that auto may take
 
 
@@ -102,22 +109,26 @@ class Contest:
         wrong = {name: case.wrong_pixels(replay) for name, replay in replays.items()}
         for name in replays | running:
             us = sum(times[name], []) if name in times else [first[name]]
-            self.rows.append(cuda_clock.row_of(case.job, name, len(case.triangles), "graph", us, wrong.get(name), self.where))
+            method = "graph" if case.packed.is_cuda else "wall"
+            self.rows.append(cuda_clock.row_of(case.job, name, len(case.triangles), method, us, wrong.get(name), self.where))
         if found := verdict(case.job, times):
             self.verdicts.append(found)
 
     def heats(self, case: Case) -> tuple[dict[str, Call], dict[str, float]]:
         """A replay of each way, and about how many us it takes."""
         replays: dict[str, Call] = {}
+        too_slow: set[str] = set()
         first: dict[str, float] = {}
         for way in self.ways:
-            if len(case.triangles) > way.most:
+            hopeless = first.get(way.variant, 0) > HOPELESS * min(first.values(), default=0) or way.variant in too_slow
+            if len(case.triangles) > way.most or (way.parameters and hopeless):
                 continue
             call = partial(case.draw, way.variant)
             try:
                 with way.setting():
                     call()
-                    if self.clock.once(call) > LIMIT and way != AUTO:
+                    if self.clock.once(call) > LIMIT and way != AUTO and first:
+                        too_slow.add(way.name)
                         continue
                     replays[way.name] = self.clock.replay(call)
                 first[way.name] = statistics.median(self.clock.times(replays[way.name], 3))
@@ -132,11 +143,22 @@ class Contest:
         return sum(row.wrong_pixels or 0 for row in self.rows)
 
 
-def all_ways(kind: str, more: list[Way]) -> list[Way]:
-    """auto, the variants that it is not, and settings; on a kind of device."""
+def all_ways(kind: str, more: list[Way], tuned: bool = False) -> list[Way]:
+    """auto, the variants that it is not, and settings; on a kind of device. tuned: auto goes by a file of `bigtri tune`."""
     variants = native.REGISTRY[kind][DEFAULT]
-    _, *others = variants  # auto is the first one under another name
-    return [AUTO, *(Way(name, "", {}) for name in others), *cuda_cases.ways((*cuda_cases.SETTINGS, *more), variants)]
+    others = list(variants)[0 if tuned else 1 :]  # auto is the first one under another name
+    settings = cuda_cases.SETTINGS if kind == "cuda" else steps(variants)
+    return [AUTO, *(Way(name, "", {}) for name in others), *cuda_cases.ways((*settings, *more), variants)]
+
+
+def steps(variants: Mapping[str, native.Variant]) -> tuple[Way, ...]:
+    """One step from the standard in one parameter: the values that it allows, or four times as much and a quarter."""
+    found = []
+    for variant in variants.values():
+        for parameter in variant.parameters.values():
+            for values in tune.lines(parameter, parameter.standard):
+                found += [Way(variant.name, f"{parameter.name}={value}", {parameter.name: value}) for value in values[:1]]
+    return tuple(found)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -153,15 +175,18 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=option_types.seconds, default=0.15, help="turns of each case (default 0.15)")
     parser.add_argument("--total", type=option_types.seconds, default=200, help="s for all (default 200)")
     parser.add_argument("--csv", metavar="FILE", type=option_types.csv_file, help="write the rows there")
-    parser.add_argument("--dry-run", action="store_true", help="on the CPU by the host's clock: does it run?")
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cuda", help="where to draw (default %(default)s)")
+    parser.add_argument("--tuning", type=Path, metavar="FILE", help="let auto go by what bigtri tune has written there")
     arguments = parser.parse_args(argv)
     end = time.perf_counter() + arguments.total
-    device = cuda_cases.device_for(arguments.dry_run)
+    device = cuda_cases.device_for(arguments.device == "cpu")
+    if arguments.tuning:
+        print(f"{bigtri.use_tuning(arguments.tuning)} classes of calls in {arguments.tuning}")
     maker = cuda_cases.maker_for(arguments)
     jobs = cuda_cases.jobs(arguments, maker)
-    where = cuda_clock.machine()
+    where = cuda_clock.machine(device.type)
     print(cuda_clock.headline(where))
-    ways = all_ways(device.type, arguments.setting)
+    ways = all_ways(device.type, arguments.setting, tuned=arguments.tuning is not None)
     contest = Contest(cuda_clock.clock_for(device), cuda_cases.start_floor(device), where, ways, arguments.seconds)
 
     print(HEADER, flush=True)

@@ -1,0 +1,56 @@
+// A warp's 16x16 px and the records that a list names for them, 32 at a time: for the variants that group what they draw by
+// the tiles that own it, and write each pixel once.
+#pragma once
+
+#include "region.cuh"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+namespace {
+
+// Over all lanes, which all get the result. Of floats >= 0.
+__device__ __forceinline__ float warp_farthest(float v) { return bits_float(~warp_min(~float_bits(v))); }
+
+// Draws what `slot(i)` names, 0 <= i < count, on the region. early_z: what lies behind all that is in the region is left
+// out, before its pixels are looked at. By all lanes; entries: in shared memory, the warp's own.
+template <class Slot>
+__device__ __forceinline__ void draw_listed(const Record* records, int count, bool early_z, Region* region,
+                                            Entry entries[kWarp], const Slot& slot) {
+  for (int base = 0; base < count; base += kWarp) {
+    const int i = base + lane_id();
+    Meeting m;
+    m.nearest = kNotANumber;
+    m.farthest = kInfinity;
+    uint32_t its = 0;
+    if (i < count) {
+      its = slot(i);
+      m = meet(records[its], its, region->left / kBin, region->top / kBin, region->x(), region->y(), kRegion, kRegion);
+    }
+    if (early_z) region->bound = min_of(region->bound, bits_float(warp_min(float_bits(m.farthest))));
+    const bool seen = m.meets() && m.nearest <= region->bound;
+    const unsigned all = __ballot_sync(kAllLanes, seen);
+    __syncwarp();  // all have drawn the entries before these
+    if (seen) m.make_entry(records[its], entries + __popc(all & lanes_below()));
+    __syncwarp();
+    for (int k = 0; k < __popc(all); ++k) region->draw(entries[k], entries[k].info & Entry::kEntryFull, false, records);
+    if (!early_z || !all) continue;
+    float farthest = 0.0f;
+    for (int n = 0; n < kLanePixels; ++n) farthest = max_of(farthest, depth_of(region->best[n]));
+    region->bound = min_of(region->bound, warp_farthest(farthest));
+  }
+}
+
+// A region whose first pixel is (left, top), with what the frame has there if others have drawn in it, before anything is
+// drawn in the region.
+__device__ __forceinline__ void begin_region(const Frame& f, int left, int top, bool others, Region* region) {
+  region->left = left;
+  region->top = top;
+  region->bound = kInfinity;
+  region->clear();
+  if (others) region->load(f);
+  region->begin(f);
+}
+
+}  // namespace
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri

@@ -1,0 +1,140 @@
+// The tile-queues variant (Sui's second pipeline): queues of 128 px bins, then of 8 px tiles, then pixels. Set-up queues
+// records by bins; then a block takes a bin, moves its records on into queues of the bin's 256 tiles in shared memory, 64
+// records at a time, and a warp draws a tile's queue, two pixels a lane. Where the published design loses what comes after
+// 1024 triangles, here rounds of 64 follow each other. Edges are in 32 bits in each 64 px cell of a bin: they would not fit
+// in all of it.
+
+#include "bin_queues.cuh"
+#include "clear.h"
+#include "depth_image.h"
+#include "parameters.h"
+#include "queued.cuh"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+namespace {
+
+#define BIGTRI_LIST(X)       \
+  BIGTRI_BLOCKS_PARAMETER(X) \
+  BIGTRI_QUEUE_PARAMETER(X)  \
+  X(room, "records", "that the queue of a bin holds; what comes after, all bins look at", 1024, 1, 1 << 20)
+BIGTRI_PARAMETERS(BIGTRI_LIST)
+
+constexpr int kThreads = 256, kWarps = kThreads / kWarp;
+constexpr int kWideBin = 128;  // px
+constexpr int kRow = kWideBin / kTile, kTiles = kRow * kRow;  // of a bin
+constexpr int kCells = kWideBin / kBin;  // in a row of a bin
+constexpr int kTogether = kThreads / (kCells * kCells);  // records; a thread for each in each cell
+static_assert(kTiles == kThreads, "a thread for each tile");
+
+// Shared memory of a block.
+struct Shared {
+  Entry entries[kThreads];
+  int sizes[kTiles];  // of the tiles' queues
+  uint8_t queues[kTiles][kTogether];  // entries; a record has one at most in a tile
+  int bin;
+};
+
+// Puts a thread's entry into the queues of the tiles that it touches in its cell. column, row: the cell in the bin.
+__device__ __forceinline__ void queue_tiles(const Record& r, const Entry& e, int left, int top, int column, int row,
+                                            Shared* s) {
+  for (uint64_t todo = bbox_tiles(r.x0 - left, r.y0 - top, r.x1 - left, r.y1 - top); todo; todo &= todo - 1) {
+    const int tile = __ffsll((long long)todo) - 1, x = tile % 8, y = tile / 8;
+    bool touched = true;
+    for (int k = 0; k < 3; ++k) touched &= tile_edge(e.edge[k], x, y) + tile_highest(e.edge[k]) >= 0;
+    if (!touched) continue;
+    const int of_bin = (row * 8 + y) * kRow + column * 8 + x;
+    s->queues[of_bin][atomicAdd(&s->sizes[of_bin], 1)] = (uint8_t)threadIdx.x;
+  }
+}
+
+// A tile's queue onto the frame, where the block owns it. By all lanes of a warp.
+__device__ __forceinline__ void draw_tile(const Frame& f, const Record* records, const Shared& s, int tile, int left,
+                                          int top) {
+  const int x = tile % kRow * kTile, y = tile / kRow * kTile, i = x % kBin + (lane_id() & 7);
+  const int px = left + x + (lane_id() & 7);
+#pragma unroll
+  for (int half = 0; half < 2; ++half) {
+    const int j = y % kBin + (lane_id() >> 3) + 4 * half, py = top + y + (lane_id() >> 3) + 4 * half;
+    if (px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) continue;
+    int64_t* const pixel = f.packed + (int64_t)py * f.view.width + px;
+    int64_t best = *pixel;
+    for (int k = 0; k < s.sizes[tile]; ++k) {
+      const Entry& e = s.entries[s.queues[tile][k]];
+      int32_t outside = 0;
+      for (int m = 0; m < 3; ++m) outside |= e.edge[m].f + i * e.edge[m].sx + j * e.edge[m].sy;
+      if (outside < 0) continue;
+      const float z =
+          e.thin()
+              ? thin_depth(records + e.slot(), px, py)
+              : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j) + plane_column<double>(e.plane.dzdx, i),
+                             e.zmin, e.zmax);
+      best = min_of(best, pack_fragment(z, e.triangle));
+    }
+    *pixel = best;
+  }
+}
+
+__global__ void __launch_bounds__(kThreads)
+    draw_bins(const __grid_constant__ Frame f, const __grid_constant__ BinQueues q) {
+  __shared__ Shared s;
+  let_next_begin();
+  wait_for_previous();
+  for (;;) {
+    const int bin = next_bin(q, &s.bin);
+    if (bin >= q.count) return;
+    const int left = bin % q.columns * kWideBin, top = bin / q.columns * kWideBin, count = q.length(bin);
+    for (int base = 0; base < count; base += kTogether) {
+      __syncthreads();  // the tiles of the round before are drawn
+      s.sizes[threadIdx.x] = 0;
+      __syncthreads();
+      const int i = base + (int)threadIdx.x / (kCells * kCells), column = threadIdx.x % kCells,
+                row = threadIdx.x / kCells % kCells;
+      if (i < count) {
+        const uint32_t slot = q.slot(bin, i);
+        const Record& r = q.records[slot];
+        const Meeting m = meet(r, slot, left / kBin + column, top / kBin + row, 0, 0, kBin, kBin);
+        if (m.meets()) {
+          m.make_entry(r, &s.entries[threadIdx.x]);
+          queue_tiles(r, s.entries[threadIdx.x], left + column * kBin, top + row * kBin, column, row, &s);
+        }
+      }
+      __syncthreads();
+      for (int tile = this_warp(); tile < kTiles; tile += kWarps)
+        if (s.sizes[tile] > 0) draw_tile(f, q.records, s, tile, left, top);
+    }
+  }
+}
+
+cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
+  Scratch scratch = {static_cast<char*>(memory)};
+  const BinQueues q = take_bin_queues(&scratch, f, v.queue, v.room, kWideBin);
+  int blocks;
+  BIGTRI_CUDA(blocks_for(draw_bins, kThreads, 0, q.count, v.blocks, &blocks));
+  BIGTRI_CUDA(launch_clear(f, nullptr, q.zeros(), stream));
+  BIGTRI_CUDA(launch_set_up(f, q, stream));
+  BIGTRI_CUDA(launch_next(draw_bins, blocks, kThreads, 0, stream, f, q));
+  return launch_depth(f, v.blocks, stream);
+}
+
+int64_t scratch_bytes(const Frame& f, const int64_t* values) {
+  const Values v = Values::of(values);
+  Scratch scratch = {nullptr};
+  take_bin_queues(&scratch, f, v.queue, v.room, kWideBin);
+  return scratch.used;
+}
+
+cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
+  const Values v = Values::of(values);
+  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, memory, stream); });
+}
+
+}  // namespace
+
+extern const CudaVariant tile_queues_variant;
+const CudaVariant tile_queues_variant = {
+    "tile_queues", "queues of 128 px bins, then of 8 px tiles, then pixels: Sui's second pipeline", kParameters,
+    scratch_bytes, draw};
+
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri
