@@ -298,7 +298,7 @@ def test_precisions():
 @needs_native
 def test_what_the_operator_refuses():
     rng = np.random.default_rng(2)
-    scene, camera = random_scene(rng), random_camera(rng)
+    scene, camera = random_scene(rng).with_(lights=(Light((0, 0, 1), (1, 1, 1)),)), random_camera(rng)
     surface = scene.on("cpu").surface(EVERYTHING, scene.background)
     faces = surface.material.clone()
     faces[3] = 6
