@@ -319,6 +319,25 @@ BIGTRI_INLINE i32x8 lower_half(const i64x8& v) {
   return r;
 }
 
+// Bit i: the lower halves of elements i differ.
+BIGTRI_INLINE uint32_t lower_differ(const i64x8& a, const i64x8& b) {
+#if BIGTRI_SIMD >= 512
+  return _mm512_test_epi64_mask(_mm512_xor_si512((__m512i)a.part[0], (__m512i)b.part[0]),
+                                _mm512_set1_epi64(0xffffffff));
+#elif BIGTRI_SIMD >= 256
+  uint32_t same = 0;
+  for (int i = 0; i < 2; ++i) {
+    const __m256i lower = _mm256_slli_epi64(_mm256_cmpeq_epi32((__m256i)a.part[i], (__m256i)b.part[i]), 32);
+    same |= (uint32_t)_mm256_movemask_pd((__m256d)lower) << 4 * i;
+  }
+  return same ^ 0xff;
+#else
+  uint32_t mask = 0;
+  for (int i = 0; i < 8; ++i) mask |= (uint32_t)((uint32_t)a[i] != (uint32_t)b[i]) << i;
+  return mask;
+#endif
+}
+
 // Rounds to nearest, half to even.
 BIGTRI_INLINE f32x8 to_float(const f32x8& v) { return v; }
 BIGTRI_INLINE f32x8 to_float(const i32x8& v) {
