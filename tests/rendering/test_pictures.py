@@ -32,7 +32,7 @@ def random_scene(rng: np.random.Generator, triangles: int = 30) -> Scene:
     size = rng.choice([0.05, 0.3, 3.0], (triangles, 1, 1))
     corners = rng.normal(0, 1, (triangles, 1, 3)) + size * rng.normal(0, 1, (triangles, 3, 3))
     vertices = 3 * triangles
-    kinds = [rng.random((3, 5, 3)).astype(np.float32), rng.integers(0, 256, (4, 4, 3)).astype(np.uint8)]
+    kinds = [rng.random((3, 5, 3)).astype(np.float32), rng.integers(0, 256, (*rng.integers(1, 6, 2), 3)).astype(np.uint8)]
     kinds.append(rng.integers(0, 65536, (2, 7, 3)).astype(np.uint16))
     materials = [
         Material(
@@ -314,7 +314,7 @@ def test_precisions():
 @needs_native
 def test_what_the_operator_refuses():
     rng = np.random.default_rng(2)
-    scene, camera = random_scene(rng), random_camera(rng)
+    scene, camera = random_scene(rng).with_(lights=(Light((0, 0, 1), (1, 1, 1)),)), random_camera(rng)
     surface = scene.on("cpu").surface(EVERYTHING, scene.background)
     faces = surface.material.clone()
     faces[3] = 6

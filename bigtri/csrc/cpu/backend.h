@@ -40,7 +40,7 @@ struct ShadeBlock {
 // The kernels of the shading pass (shade.inl), of a rung and an instruction set.
 struct ShadeKernels {
   // Prepares a worker's memory for a job: kShadeScratchBytes, 64-byte aligned.
-  void (*begin)(void* scratch);
+  void (*begin)(const ShadeJob& job, void* scratch);
   void (*block)(const ShadeJob& job, const ShadeBlock& block, void* scratch);
   // The background of `width` x `height` samples from (x, y) on, whole pixels; it may be wider than a block.
   void (*background)(const ShadeJob& job, int64_t view, int x, int y, int width, int height);

@@ -365,7 +365,7 @@ class Drawing {
       if (run >= count * (part + 1) / parts) return;
       char* scratch = scratch_ + slot * scratch_bytes(frame_);
       char* shade_scratch = scratch + kScratchBytes;
-      if (job_.shade && !shade_begun_[slot]) job_.shade->kernels->begin(shade_scratch);
+      if (job_.shade && !shade_begun_[slot]) job_.shade->kernels->begin(*job_.shade, shade_scratch);
       shade_begun_[slot] = 1;
       kernels_.raster_bins(job_, runs[run], (int)(runs[run + 1] - runs[run]), scratch, shade_scratch);
     });

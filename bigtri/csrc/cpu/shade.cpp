@@ -29,7 +29,7 @@ void shade_views(const ShadeJob& job, const Parallel& parallel) {
   std::vector<char> begun((size_t)parallel.threads, 0);
   parallel.with_slots(job.views * columns * rows, [&](int64_t i, int64_t slot) {
     void* scratch = first + slot * kShadeScratchBytes;
-    if (!begun[(size_t)slot]) job.kernels->begin(scratch);
+    if (!begun[(size_t)slot]) job.kernels->begin(job, scratch);
     begun[(size_t)slot] = 1;
     const int64_t view = i / (columns * rows);
     const int x = (int)(i % columns) * side, y = (int)(i / columns % rows) * side;
