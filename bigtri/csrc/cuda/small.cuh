@@ -34,7 +34,8 @@ struct PairBox {
   int16_t x[3], y[3];  // from the corner pixel's corner, subpx
   float z[3];
 };
-static_assert(2 * kSmallExtent < 1 << 15 && kSmallExtent + kBoxSide * kSubpixel < 1 << 15, "so that 16 bits hold them");
+static_assert(!kPairDepth || (2 * kSmallExtent < 1 << 15 && kSmallExtent + kBoxSide * kSubpixel < 1 << 15),
+              "so that 16 bits hold them");
 
 struct SmallShared {
   using Box = std::conditional_t<kPairDepth, PairBox, CellBox>;
