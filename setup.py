@@ -107,8 +107,8 @@ def variants_of(kind: str) -> dict[str, list[str]]:
 
 def cpu_sources() -> list[str]:
     once = [
-        CSRC / "cpu" / name
-        for name in ("dispatch.cpp", "index_range.cpp", "rungs.cpp", "shade.cpp", "thread_pool.cpp", "transform.cpp")
+        CSRC / "cpu" / f"{name}.cpp"
+        for name in ("dispatch", "index_range", "rungs", "shade", "thread_pool", "transform", "workspace")
     ]
     default = [CSRC / "cpu/shading.cpp"]  # no rung differs in it
     isas = [f for f in sorted(CSRC.glob("cpu/isa_*.cpp")) if X86 or f.stem == "isa_baseline"]

@@ -56,6 +56,9 @@ def parser(program: str = "bigtri accuracy") -> argparse.ArgumentParser:
     result.add_argument(
         "--times", action="store_true", help="times alone: the errors are those of any other device, as the bits are the same"
     )
+    result.add_argument(
+        "--errors", type=Path, metavar="CSV", help="as --times, and the errors are those that another run wrote there"
+    )
     result.add_argument("--quick", action="store_true", help="few scenes, rungs and samples: half a minute on 2 cores")
     return result
 
@@ -127,13 +130,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.seconds is not None:
         effort = effort._replace(seconds=options.seconds)
     cases = _cases(command, options)
+    earlier = _earlier(command, options.errors)
 
     print(f"{provenance.device(options.device)}; {provenance.versions()}; {provenance.commit()}", flush=True)
     rows: list[Row] = []
     for case in cases:
         if sys.stderr.isatty():
             print(f"{case.name} {case.width}x{case.height} ...", end="\r", file=sys.stderr, flush=True)
-        found = accuracy.study(case, rungs, setting, effort, options.seed, with_errors=not options.times)
+        found = accuracy.study(case, rungs, setting, effort, options.seed, with_errors=not (options.times or options.errors))
+        if without := accuracy.fill_errors(found, earlier) if options.errors else 0:
+            print(
+                f"\n{options.errors} has no errors of {without} rows of {case.name}, {case.width}x{case.height} px",
+                file=sys.stderr,
+            )
         rows += found
         first = found[0]
         print(
@@ -150,6 +159,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         for path in accuracy_plots.draw_all(rows, options.plots):
             print(path)
     return 0
+
+
+def _earlier(command: argparse.ArgumentParser, path: Path | None) -> list[dict[str, str]]:
+    """The rows of --errors."""
+    from ..study import accuracy, benchmark
+
+    if path is None:
+        return []
+    try:
+        rows = benchmark.read_csv(path)
+    except OSError as error:
+        command.error(f"--errors: {error}")
+    if not rows or not {"scene", "triangles", "width", "height", "precision", *accuracy.ERRORS} <= set(rows[0]):
+        command.error(f"--errors must be a CSV that bigtri accuracy wrote, got {path}")
+    return rows
 
 
 def _rungs(command: argparse.ArgumentParser, options: argparse.Namespace, wanted: list[str], there: list[str]) -> list[str]:

@@ -6,6 +6,9 @@ next result of about its size gets it. What is kept is bounded: ``limit`` says b
 asks for huge pages (NumPy's allocator does), which costs a quarter of ordinary ones; the threads that draw touch them first.
 
 Nothing here is shared: a result has its memory alone for as long as anything refers to it.
+
+The extension keeps working memory in the same way, from one call to the next: records of triangles and lists of bins, as much
+as 128 MiB. ``working`` says how much there is, ``release`` empties it too.
 """
 
 from __future__ import annotations
@@ -19,6 +22,8 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+
+from .. import native
 
 SMALLEST = 1 << 20  # bytes: below that torch's own allocator is as fast
 STANDARD_LIMIT = 512 << 20  # bytes
@@ -120,7 +125,14 @@ def limit(most: int | None = None) -> int:
     return _cache.limit
 
 
+def working() -> int:
+    """Bytes of working memory on the CPU that are kept for later calls, 128 MiB at most."""
+    return int(torch.ops.bigtri.workspace_bytes()) if native.available() else 0
+
+
 def release() -> None:
-    """Give all memory that is kept for later results back to the system."""
+    """Give all memory that is kept for later results, and all working memory, back to the system."""
     with _cache.lock:
         _cache.free.clear()
+    if native.available():
+        torch.ops.bigtri.release_workspaces()

@@ -30,7 +30,7 @@ class Way(NamedTuple):
     variant: str
     parameters: dict[str, int]
     us: float  # median
-    ratio: float  # to the standard way's time, the median of rounds in which they took turns
+    ratio: float  # to the standard way's time, which three of four rounds in which they took turns stay below
 
     @property
     def name(self) -> str:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -106,6 +106,31 @@ class Row:
     ssim: float | None = None
     tiles: int | None = None  # that the mask names
     empty_tiles: int | None = None  # of these, without a covered pixel
+
+
+# What is not a time: the same on every device and instruction set.
+ERRORS = tuple(field.name for field in dataclasses.fields(Row) if field.default is None)
+_COUNTS = ("sample_px", "depth_px", "tiles", "empty_tiles")
+
+
+def fill_errors(rows: Sequence[Row], earlier: Sequence[Mapping[str, str]]) -> int:
+    """Gives rows whose times were measured alone the errors of an earlier study's CSV; returns how many found none there.
+
+    A row's errors are those of the same rung in the same scene at the same size, whatever drew it.
+    """
+
+    def key(row: Mapping[str, Any]) -> tuple[str, ...]:
+        return tuple(str(row[name]) for name in ("scene", "triangles", "width", "height", "precision"))
+
+    known = {key(row): row for row in earlier}
+    without = 0
+    for row in rows:
+        found = known.get(key(vars(row)), {})
+        without += not found
+        for name in ERRORS:
+            if text := found.get(name):
+                setattr(row, name, int(text) if name in _COUNTS else float(text))
+    return without
 
 
 class Effort(NamedTuple):

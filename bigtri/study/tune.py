@@ -102,7 +102,7 @@ class _Search:
                 what = f"variant {setting.variant!r} with {dict(setting.parameters)}"
                 raise RuntimeError(f"bigtri.tune: {what} has drawn other bits, which is a defect")
         ways = [
-            Way(s.variant, dict(s.parameters), middle[s], float(np.median(rounds[s] / rounds[standard])))
+            Way(s.variant, dict(s.parameters), middle[s], float(np.percentile(rounds[s] / rounds[standard], 75)))
             for s in sorted(best, key=lambda s: (s != standard, middle[s]))
         ]
         height, width = self.job.resolution

@@ -36,6 +36,26 @@ def test_rows_in_a_file_and_on_the_screen(tmp_path: Path, capsys: pytest.Capture
     assert "box.ply, 12 triangles, 96x64 px, two_stage, 1 threads" in printed and "subpixel4" in printed
 
 
+@needs_extension
+def test_errors_of_an_earlier_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They are taken from the rows of the same scenes, and rows that have none are counted."""
+    first, second = tmp_path / "first.csv", tmp_path / "second.csv"
+    size = ["--size", "96x64"]
+    assert cli.main(["accuracy", *FEW, *size, "--scenes", "R4k", "--csv", str(first)]) == 0
+    assert cli.main(["accuracy", *FEW, *size, "--scenes", "R4k,R16k", "--errors", str(first), "--csv", str(second)]) == 0
+    with first.open(newline="") as one, second.open(newline="") as two:
+        wanted, got = list(csv.DictReader(one)), list(csv.DictReader(two))
+    for a, b in zip(wanted, got, strict=False):
+        assert [a[name] for name in accuracy.ERRORS] == [b[name] for name in accuracy.ERRORS]
+    assert any(row["wrong_ppm"] for row in wanted) and not any(row["wrong_ppm"] for row in got[len(wanted) :])
+    assert f"{first} has no errors of {len(wanted)} rows of R16k, 96x64 px" in capsys.readouterr().err
+    for text in ("a,b\n1,2\n", ""):
+        second.write_text(text)
+        with pytest.raises(SystemExit):
+            cli.main(["accuracy", *FEW, "--errors", str(second)])
+        assert "--errors must be a CSV that bigtri accuracy wrote, got" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("options", [[], ["--quick"]])
 def test_what_is_drawn_unless_told_fits_the_size_that_it_has_unless_told(options: list[str]) -> None:
     parser = command.parser("bigtri accuracy")
@@ -65,6 +85,7 @@ def test_rungs_that_are_not_built_are_named(monkeypatch: pytest.MonkeyPatch, cap
         ),
         (["--isa", "none"], "instruction set must be one of"),
         (["--device", "none"], "argument --device: invalid choice"),
+        (["--errors", "{folder}/none"], "--errors: [Errno 2] No such file"),
         (["--csv", "{folder}"], "argument --csv: must be a file, got the folder"),
     ],
 )

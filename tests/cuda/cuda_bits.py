@@ -47,7 +47,7 @@ VALUES: dict[str, tuple[int, ...]] = {
     "few": (0, 1, 64, 65536),
     "room": (0, 1, 7),
     "tile": (16, 32, 64),
-    "levels": (1, 3, 10),
+    "levels": (0, 1, 3, 11),
     "meets": (1, 4096),
 }
 Scissor = tuple[int, int, int, int]

@@ -205,6 +205,16 @@ def unchanged(rung: str) -> Path:
     return folder
 
 
+@functools.cache
+def kernels_where_float64_is_slow() -> ctypes.CDLL:
+    """Those of ``exact`` with ``bin_owned`` as GPUs have it whose float64 is slow (core/platform.h)."""
+    folder = Path(tempfile.mkdtemp(dir=workspace().name)) / "slow_float64"
+    copy_sources(folder)
+    sources = [folder / f"cuda/{name}.cu" for name in ("bin_owned", "clear")]
+    there = [unchanged("exact") / f"{name}.o" for name in (*SOURCES, "cuda_on_cpu") if name not in ("bin_owned", "clear")]
+    return compile_and_link(folder, sources, there, "exact", "-Og", "-DBIGTRI_SLOW_FLOAT64")
+
+
 def kernels(rung: str = "exact") -> ctypes.CDLL:
     return ctypes.CDLL(str(unchanged(rung) / "kernels.so"))
 

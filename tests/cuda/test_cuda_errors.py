@@ -94,7 +94,7 @@ WRONG_ARGUMENTS = [
     (6, "variant", lambda _: "auto"),
     (7, "precision", lambda _: "precise"),
     (8, "samples", lambda _: 4),
-    (9, "parameters", lambda _: [1]),
+    (9, "parameters", lambda _: [1] * 99),
     (10, "ranges", lambda _: torch.zeros(1, 2, dtype=torch.int32, device=DEVICE)),
     (11, "behind", lambda _: torch.zeros(1, 8, 8, dtype=torch.int64, device=DEVICE)),
     (15, "counters", lambda _: torch.zeros(len(native.COUNTERS), dtype=torch.int64, device=DEVICE)),

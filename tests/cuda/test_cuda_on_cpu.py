@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import itertools
 from collections.abc import Callable, Iterable
@@ -70,9 +71,9 @@ def job(
     return Job(given, seen.packed.numpy(), seen.depth.numpy(), count, variant, settings, cull, scissor)
 
 
-def assert_right(jobs: list[Job], first: int = 0) -> None:
-    """first: the number of the first job, which chooses orders of threads."""
-    said = cuda_on_cpu.differences_in_children(cuda_on_cpu.kernels(), jobs, first)
+def assert_right(jobs: list[Job], first: int = 0, library: ctypes.CDLL | None = None) -> None:
+    """first: the number of the first job, which chooses orders of threads. library: of the kernels, where not the usual ones."""
+    said = cuda_on_cpu.differences_in_children(library or cuda_on_cpu.kernels(), jobs, first)
     assert not said, said
 
 
@@ -105,6 +106,17 @@ def test_every_case(name: str, variant: str) -> None:
     if np.prod(case.resolution) > PIXELS:
         pytest.skip("large")
     assert_right([job(case, variant, s) for s in as_read(variant, PATHS.values())], list(CASES).index(name))
+
+
+@pytest.mark.parametrize("name", [*CASES, "mixed"])
+def test_every_case_where_float64_is_slow(name: str) -> None:
+    """A case in three of the ways through the kernels, each way with many cases."""
+    case = case_of(name)
+    if np.prod(case.resolution) > PIXELS:
+        pytest.skip("large")
+    number = [*CASES, "mixed"].index(name)
+    ways = as_read("bin_owned", [way for turn, way in enumerate(PATHS.values()) if turn % 3 == number % 3])
+    assert_right([job(case, "bin_owned", s) for s in ways], number, cuda_on_cpu.kernels_where_float64_is_slow())
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -246,9 +258,10 @@ def squares(records: Records, size: int, by_edges: bool = True) -> NDArray[np.in
 
 def pyramid_entries(records: Records) -> NDArray[np.int64]:
     """Tiles of each record at the level where hierarchical_tiles stores it, by its standard parameters."""
-    tiles = np.stack([squares(records, 16 << level, by_edges=False) for level in range(5)])
-    level = np.where((tiles <= 4).any(axis=0), (tiles <= 4).argmax(axis=0), 4)
-    return tiles[level, np.arange(len(level))]
+    sizes = [16 << level for level in range(11)]
+    met = np.stack([squares(records, size, by_edges=False) for size in sizes])
+    level = (met <= 4).argmax(axis=0)
+    return np.stack([squares(records, size) for size in sizes])[level, np.arange(len(level))]
 
 
 # What each variant queues, of each record.
@@ -257,7 +270,7 @@ ENTRIES: dict[str, Callable[[Records], NDArray[np.int64]]] = {
     "hierarchical_tiles": pyramid_entries,
     "tile_queues": lambda records: squares(records, 128) + squares(records, 8),
     "coverage_masks": lambda records: squares(records, 64) + squares(records, 8),
-    "tile_owned": lambda records: squares(records, 32),
+    "tile_owned": lambda records: squares(records, 16),
 }
 
 

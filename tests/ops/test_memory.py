@@ -11,7 +11,7 @@ import torch
 from backends import BACKENDS
 
 import bigtri
-from bigtri import memory
+from bigtri import memory, native
 from bigtri.ops.memory import SMALLEST
 
 POSITIONS = torch.tensor([[-1.0, -1.0, 0.0, 1.0], [3.0, -1.0, 0.5, 1.0], [-1.0, 3.0, 0.25, 1.0]])
@@ -112,6 +112,29 @@ def test_every_operator_that_makes_an_image_uses_it() -> None:
     expected = sum(t.nbytes + 64 for t in (seen.packed, seen.depth, uv, color, *results))
     seen = uv = color = results = None
     assert memory.held() == expected
+
+
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+def test_working_memory_is_kept_and_bounded() -> None:
+    def drawn(count: int) -> torch.Tensor:
+        corners = torch.rand(3 * count, 4, generator=torch.Generator().manual_seed(count)) * 2 - 1
+        corners[:, 3] = 1
+        corners.view(-1, 3, 4)[:, 1:, :2] = corners.view(-1, 3, 4)[:, :1, :2] + torch.tensor([[0.1, 0.0], [0.0, 0.1]])
+        triangles = torch.arange(3 * count, dtype=torch.int32).view(-1, 3)
+        return torch.as_tensor(bigtri.rasterize(corners, triangles, (64, 64), variant="bin_owned").packed)
+
+    assert memory.working() == 0
+    expected = drawn(3000)
+    kept = memory.working()
+    assert 3000 * 96 < kept < 4 << 20
+    assert torch.equal(drawn(3000), expected) and memory.working() == kept
+    drawn(300_000)
+    assert kept < memory.working() <= 128 << 20
+    memory.release()
+    assert memory.working() == 0
+    drawn(3_000_000)  # vertices alone are more than is kept
+    assert memory.working() == 0
+    assert torch.equal(drawn(3000), expected)
 
 
 def test_several_callers_at_once() -> None:

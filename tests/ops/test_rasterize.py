@@ -58,6 +58,30 @@ def test_batch_equals_single_views(backend):
         assert all(np.array_equal(a[k], b) for a, b in zip(batch, single, strict=True))
 
 
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+@pytest.mark.parametrize("threads", [2, 5])
+@pytest.mark.parametrize("triangles", [12, 3000])
+def test_many_small_views(triangles, threads):
+    """Each thread draws some of them by itself: several at a time where triangles are few. The last takes fewer."""
+    views = 8 * threads + 3
+    rng = np.random.default_rng(triangles)
+    size = 1.2 if triangles == 12 else 0.05
+    positions = np.stack([soup(random_corners(rng, triangles, size), (70, 130)).positions for _ in range(views)])
+    positions[1, 4, 2] = positions[views - 1, 5, 0] = np.nan
+    faces = np.arange(3 * triangles, dtype=np.int32).reshape(-1, 3)
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(threads)
+        batch = bigtri.rasterize(positions, faces, (70, 130), scissor=(3, 0, 120, 70))
+        torch.set_num_threads(1)
+        for k in range(views):
+            single = bigtri.rasterize(positions[k], faces, (70, 130), scissor=(3, 0, 120, 70))
+            assert all(np.array_equal(a[k], b) for a, b in zip(batch, single, strict=True)), k
+    finally:
+        torch.set_num_threads(before)
+    assert np.flatnonzero(batch.dropped).tolist() == [1, views - 1]
+
+
 RANGES = [(0, 40), (7, 1), (12, 0), (40, 0), (5, 30), (39, 1), (0, 12)]  # overlapping, empty, at the end
 
 

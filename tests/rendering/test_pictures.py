@@ -32,7 +32,7 @@ def random_scene(rng: np.random.Generator, triangles: int = 30) -> Scene:
     size = rng.choice([0.05, 0.3, 3.0], (triangles, 1, 1))
     corners = rng.normal(0, 1, (triangles, 1, 3)) + size * rng.normal(0, 1, (triangles, 3, 3))
     vertices = 3 * triangles
-    kinds = [rng.random((3, 5, 3)).astype(np.float32), rng.integers(0, 256, (4, 4, 3)).astype(np.uint8)]
+    kinds = [rng.random((3, 5, 3)).astype(np.float32), rng.integers(0, 256, (*rng.integers(1, 6, 2), 3)).astype(np.uint8)]
     kinds.append(rng.integers(0, 65536, (2, 7, 3)).astype(np.uint16))
     materials = [
         Material(
@@ -212,6 +212,22 @@ def test_a_batch_is_its_views(backend):
         assert np.array_equal(render(scene, camera, (33, 47), backend=backend, supersample=2), image)
 
 
+@needs_native
+def test_many_views_are_drawn_by_a_thread_each():
+    rng = np.random.default_rng(6)
+    scene, cameras = random_scene(rng), [random_camera(rng) for _ in range(17)]
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        together = buffers_of(scene, cameras, (33, 47), plan=EVERYTHING, backend="native")
+        torch.set_num_threads(1)
+        for k, camera in enumerate(cameras):
+            alone = buffers_of(scene, camera, (33, 47), plan=EVERYTHING, backend="native")
+            assert all(np.array_equal(a[k], b) for a, b in zip(together, alone, strict=True)), k
+    finally:
+        torch.set_num_threads(before)
+
+
 def half_covered() -> tuple[Scene, Camera]:
     """A white wall over the left half of a picture 9 px wide, so that it ends in the middle of a pixel."""
     corners = np.float32([(-9, -9, 0), (0, -9, 0), (0, 9, 0), (-9, 9, 0)])
@@ -298,7 +314,7 @@ def test_precisions():
 @needs_native
 def test_what_the_operator_refuses():
     rng = np.random.default_rng(2)
-    scene, camera = random_scene(rng), random_camera(rng)
+    scene, camera = random_scene(rng).with_(lights=(Light((0, 0, 1), (1, 1, 1)),)), random_camera(rng)
     surface = scene.on("cpu").surface(EVERYTHING, scene.background)
     faces = surface.material.clone()
     faces[3] = 6

@@ -92,6 +92,24 @@ def test_the_standard_way_is_there_although_it_is_slowest(clock):
     assert all(way.ratio == pytest.approx(1 / 3) for way in found.ways[1:])
 
 
+def test_three_of_four_rounds_count(monkeypatch):
+    """A way that is ahead in every second round has gained nothing: its neighbours have rested."""
+
+    def interleaved(calls, seconds, at_least, device):
+        now_and_then = np.array([0.5, 1.0, 0.5, 1.0, 0.5, 1.0, 0.5, 1.0, 0.5])
+        times = {}
+        for name, call in calls.items():
+            call()
+            other = call.args[0] != tune.Setting(STANDARD)
+            times[name] = now_and_then if other else np.ones(9)
+        return times
+
+    monkeypatch.setattr(tune, "interleaved", interleaved)
+    found = tune.tune(job(), 0)
+    assert {way.ratio for way in found.ways} == {1.0} and {way.us for way in found.ways[1:]} == {500.0}
+    assert tuned.best([found]) is None
+
+
 def test_a_way_that_draws_other_bits_is_a_defect(clock, monkeypatch):
     clock["of"] = lambda variant, given: 1.0
     real = tune._Search.picture

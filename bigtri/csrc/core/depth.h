@@ -107,13 +107,19 @@ BIGTRI_HD DepthGradient depth_gradient(const int32_t x[3], const int32_t y[3], c
           weighted_depth<DepthNumber>(gy[0], gy[1], gy[2], z0, z1, z2, area)};
 }
 
-// Depth at the centre of pixel (x, y) from the unbiased edge values there: the anchor zcell if the pixel is
-// a cell's first, or the depth of a thin record's pixel. px, py: the record's vertices, subpx.
+// Depth from the unbiased edge values at a pixel's centre.
+BIGTRI_HD DepthNumber depth_from_edges(const int64_t e[3], const float z[3], const Divisor& area) {
+  return weighted_depth<DepthNumber, DepthNumber, DepthNumber>((DepthNumber)e[0], (DepthNumber)e[1], (DepthNumber)e[2],
+                                                               z[0], z[1], z[2], area);
+}
+
+// Depth at the centre of pixel (x, y): the anchor zcell if the pixel is a cell's first, or the depth of a thin record's
+// pixel. px, py: the record's vertices, subpx.
 BIGTRI_HD DepthNumber depth_at(const int32_t px[3], const int32_t py[3], const float z[3], const Divisor& area,
                                int32_t x, int32_t y) {
-  DepthNumber g[3];
-  for (int k = 0; k < 3; ++k) g[k] = (DepthNumber)edge_value(edge_of(px, py, k), pixel_centre(x), pixel_centre(y));
-  return weighted_depth<DepthNumber, DepthNumber, DepthNumber>(g[0], g[1], g[2], z[0], z[1], z[2], area);
+  int64_t e[3];
+  for (int k = 0; k < 3; ++k) e[k] = edge_value(edge_of(px, py, k), pixel_centre(x), pixel_centre(y));
+  return depth_from_edges(e, z, area);
 }
 
 }  // namespace BIGTRI_NAMESPACE

@@ -60,17 +60,20 @@ BIGTRI_HD int64_t* pixels_of(const Frame& f, int64_t view) {
   return f.packed + view * ((int64_t)f.view.width * f.view.height);
 }
 
-// One view of a frame, as a frame. Its range, if there are ranges, is range_of(one, 0).
-BIGTRI_HD Frame view_of(const Frame& f, int64_t view) {
+// The views [first, first + count) of a frame, as a frame.
+BIGTRI_HD Frame views_of(const Frame& f, int64_t first, int32_t count) {
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
-  Frame one = f;
-  one.views = 1;
-  one.positions = f.positions + view * f.view_stride;
-  one.ranges = f.ranges ? f.ranges + 2 * view : nullptr;
-  one.packed = pixels_of(f, view);
-  one.depth = f.depth ? f.depth + view * pixels : nullptr;
-  one.dropped = f.dropped + view;
-  return one;
+  Frame some = f;
+  some.views = count;
+  some.positions = f.positions + first * f.view_stride;
+  some.ranges = f.ranges ? f.ranges + 2 * first : nullptr;
+  some.packed = f.packed ? pixels_of(f, first) : nullptr;
+  some.depth = f.depth ? f.depth + first * pixels : nullptr;
+  some.dropped = f.dropped + first;
+  return some;
 }
+
+// One view of a frame, as a frame. Its range, if there are ranges, is range_of(one, 0).
+BIGTRI_HD Frame view_of(const Frame& f, int64_t view) { return views_of(f, view, 1); }
 
 }  // namespace bigtri

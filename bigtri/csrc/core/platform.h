@@ -17,6 +17,17 @@
 
 namespace bigtri {
 
+// Whether float64 is slow: a GPU that does two operations of it a clock and multiprocessor, a 64th or a 32nd of its
+// float32 rate. Those that do 32 or 64 are named. Tests say BIGTRI_SLOW_FLOAT64 to have on a CPU what is made for these.
+#if defined(BIGTRI_SLOW_FLOAT64)
+constexpr bool kSlowFloat64 = true;
+#elif defined(__CUDA_ARCH__)
+constexpr bool kSlowFloat64 = __CUDA_ARCH__ != 700 && __CUDA_ARCH__ != 720 && __CUDA_ARCH__ != 800 &&
+                              __CUDA_ARCH__ != 900 && __CUDA_ARCH__ != 1000;
+#else
+constexpr bool kSlowFloat64 = false;
+#endif
+
 template <class T>
 BIGTRI_HD T min_of(T a, T b) {
   return b < a ? b : a;

@@ -37,7 +37,9 @@ BIGTRI_HD int32_t extent(const int32_t v[3]) {
 }
 BIGTRI_HD int32_t extent_of(const Primitive& p) { return max_of(extent(p.x), extent(p.y)); }
 
-// triangle: index of the parent. threshold: a bbox with more px makes the record large.
+// triangle: index of the parent. threshold: a bbox with more px makes the record large. kPlane: whether to set the area
+// and the depth plane.
+template <bool kPlane = true>
 BIGTRI_HD void fill_record(const Primitive& p, int64_t triangle, Record* r, int64_t threshold = kLargeThreshold) {
   for (int k = 0; k < 3; ++k) {
     r->x[k] = p.x[k];
@@ -46,10 +48,12 @@ BIGTRI_HD void fill_record(const Primitive& p, int64_t triangle, Record* r, int6
   }
   static_cast<Places&>(*r) = p;
   r->triangle = (uint32_t)triangle;
-  r->area = divisor((double)p.area);
-  const DepthGradient g = depth_gradient(p.x, p.y, p.z, r->area);
-  r->dzdx = g.dzdx;
-  r->dzdy = g.dzdy;
+  if constexpr (kPlane) {
+    r->area = divisor((double)p.area);
+    const DepthGradient g = depth_gradient(p.x, p.y, p.z, r->area);
+    r->dzdx = g.dzdx;
+    r->dzdy = g.dzdy;
+  }
   r->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
   r->zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
   r->x0 = p.x0;

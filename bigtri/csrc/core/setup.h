@@ -3,6 +3,7 @@
 #pragma once
 
 #include "clip.h"
+#include "float_pair.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -76,6 +77,24 @@ BIGTRI_HD int32_t snap_y(double y, const W& w, int height) {
   return half - clamp_round(quotient(y, w) * half, half - kGuard + 1, half + kGuard);
 }
 
+// The twin of snap_x() and snap_y() in pairs of float32, for GPUs on which float64 is slow: x / w * half, rounded half to
+// even. by_w is 1 / w as inverse() has it; half: at most 24 bits long. False where pairs do not decide it, and for
+// numbers beyond 2^22.
+//
+// Up to there the product is off by 40 u^2 of it, float64's by 2^-52 of it, and what is left of it beyond the nearest
+// integer by u / 2, u = 2^-24: below 2^-20 together.
+BIGTRI_HD bool pair_snap(float x, FloatPair by_w, int half, int32_t low, int32_t high, int32_t* snapped) {
+  constexpr float kMagic =
+      12582912.0f;  // 1.5 * 2^23: sums with it are rounded to integers, which their lowest bits hold
+  constexpr float kError = 1.0f / (1 << 20);
+  const FloatPair v = product((float)half, product(x, by_w));
+  const float moved = v.hi + kMagic, rest = (v.hi - (moved - kMagic)) + v.lo;  // at most a little over 1/2
+  const int32_t beyond = rest > 0.5f ? 1 : rest < -0.5f ? -1 : 0;
+  *snapped = min_of(max_of((int32_t)(float_bits(moved) - float_bits(kMagic)) + beyond, low), high);
+  const float size = v.hi < 0 ? -v.hi : v.hi, part = rest < 0 ? -rest : rest;
+  return size < 4194304.0f && !(part > 0.5f - kError && part < 0.5f + kError);
+}
+
 // T is float for original vertices, and double for those that clipping made.
 template <class T>
 BIGTRI_HD float window_depth(T z_by_w) {
@@ -95,6 +114,7 @@ BIGTRI_HD float vertex_depth(T z_by_w) {
 // 1995, "When is double rounding innocuous?").
 BIGTRI_HD float float_quotient(float z, const Divisor& w) {
 #if defined(__CUDA_ARCH__)
+  if constexpr (kSlowFloat64) return z / (float)w.value;
   return (float)quotient((double)z, w);
 #else
   return z / (float)w.value;
@@ -122,7 +142,32 @@ BIGTRI_HD uint32_t vertex_flags(const float v[4], int width, int height) {
   return flags;
 }
 
+// Where a vertex snaps to that pairs do not decide. A call, so that its registers cost the others nothing.
+struct SnappedPlace {
+  int32_t x, y;
+};
+BIGTRI_HD __attribute__((noinline)) SnappedPlace snap_in_float64(float x, float y, float w, int width, int height) {
+  const Divisor by = divisor(w);
+  return {snap_x(x, by, width), snap_y(y, by, height)};
+}
+
+// The twin of project_vertex() without float64. A vertex that is outside of a plane has no place, and nobody asks.
+BIGTRI_HD Vertex project_by_pairs(const float v[4], int width, int height) {
+  const uint32_t flags = vertex_flags(v, width, height);
+  if (flags & ~kScreenMask) return {0, 0, 0.0f, flags};
+  const int32_t right = kHalf * width, down = kHalf * height;
+  const FloatPair by_w = inverse({v[3], 0.0f});
+  SnappedPlace at;
+  const bool decided = (v[3] > 0x1p-60f) & (v[3] < 0x1p60f) &
+                       pair_snap(v[0], by_w, right, -kGuard - right, kGuard - 1 - right, &at.x) &
+                       pair_snap(v[1], by_w, down, down - kGuard + 1, down + kGuard, &at.y);
+  at = {right + at.x, down - at.y};
+  if (!decided) at = snap_in_float64(v[0], v[1], v[3], width, height);
+  return {at.x, at.y, vertex_depth(v[2] / v[3]), flags};
+}
+
 BIGTRI_HD Vertex project_vertex(const float v[4], int width, int height) {
+  if constexpr (kSlowFloat64) return project_by_pairs(v, width, height);
   const Divisor w = divisor(v[3]);
   return {snap_x(v[0], w, width), snap_y(v[1], w, height), vertex_depth(float_quotient(v[2], w)),
           vertex_flags(v, width, height)};

@@ -86,13 +86,21 @@ BIGTRI_HD F within_steps(const F& v) {
   return select(v > kSrgbLeast, select(v > 1.0f, one, v), least);
 }
 
-// The byte of a value within the steps.
-BIGTRI_HD uint8_t encode_step(float v, const SrgbSteps& table) {
-  const uint32_t bits = float_bits(v);
-  return (uint8_t)((table.byte[(bits >> 16) - kSrgbFirstStep] + bits) >> 16);
+// Of a value within the steps, from its bits: the step; and with what the table has of that, the byte, in the lowest eight
+// bits. U is uint32_t, or a vector of it.
+template <class U>
+BIGTRI_HD U step_of(const U& bits) {
+  return (bits >> 16u) - kSrgbFirstStep;
+}
+template <class U>
+BIGTRI_HD U byte_of(const U& bits, const U& of_step) {
+  return (of_step + bits) >> 16u;
 }
 
-BIGTRI_HD uint8_t encode_srgb(float v, const SrgbSteps& table) { return encode_step(within_steps(v), table); }
+BIGTRI_HD uint8_t encode_srgb(float v, const SrgbSteps& table) {
+  const uint32_t bits = float_bits(within_steps(v));
+  return (uint8_t)byte_of(bits, table.byte[step_of(bits)]);
+}
 
 // What the table has of a step.
 BIGTRI_HD uint32_t srgb_step(const float* thresholds, uint32_t step) {

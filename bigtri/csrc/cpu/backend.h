@@ -40,7 +40,7 @@ struct ShadeBlock {
 // The kernels of the shading pass (shade.inl), of a rung and an instruction set.
 struct ShadeKernels {
   // Prepares a worker's memory for a job: kShadeScratchBytes, 64-byte aligned.
-  void (*begin)(void* scratch);
+  void (*begin)(const ShadeJob& job, void* scratch);
   void (*block)(const ShadeJob& job, const ShadeBlock& block, void* scratch);
   // The background of `width` x `height` samples from (x, y) on, whole pixels; it may be wider than a block.
   void (*background)(const ShadeJob& job, int64_t view, int x, int y, int width, int height);
@@ -170,8 +170,8 @@ void encode_srgb(const float* linear, const float* thresholds, int64_t count, ui
 
 // Shades a whole visibility buffer.
 void shade_views(const ShadeJob& job, const Parallel& parallel);
-// One view of a job, as a job; packed is the caller's to set.
-ShadeJob view_of(const ShadeJob& job, int64_t view);
+// The views [first, first + count) of a job, as a job; packed is the caller's to set.
+ShadeJob views_of(const ShadeJob& job, int64_t first, int64_t count);
 
 // What ShadeJob::background points to, for a job that has all the rest.
 std::vector<uint8_t> background_rows(const ShadeJob& job);

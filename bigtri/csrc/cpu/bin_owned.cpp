@@ -4,7 +4,8 @@
 // Views are drawn in groups; a group's vertices are projected once. Its triangles are cut into chunks, and chunks form
 // batches: the records of a batch are held at once. A pass sorts records of a batch into bin lists and draws the bins.
 // Groups, batches and passes bound the memory; no triangle is left out. Bins are numbered through all views, so that
-// many small views keep the threads as busy as one large view does.
+// many small views keep the threads as busy as one large view does. Where views are many and small, each thread draws
+// some of them by itself, as one drawing after the other.
 
 #include <algorithm>
 #include <atomic>
@@ -14,6 +15,7 @@
 
 #include "counting.h"
 #include "kernels.h"
+#include "workspace.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -43,6 +45,8 @@ enum { kRecords, kCandidates };
 // records, which the cache of one core holds. With larger batches, setting up and drawing many small views takes 10 %
 // longer.
 constexpr int64_t kRecordsToJoin = 1 << 14;
+// Views are drawn by one thread each if there are this many per thread.
+constexpr int64_t kViewsPerThread = 8;
 // Vertices of a group, 16 bytes each. A group has one view at least, however many vertices that has.
 constexpr int64_t kGroupVertices = 1 << 20;
 // Pixels of all views. A visibility buffer of more, 4 MiB, is streamed. At 640x480 px ordinary stores take 0.06 ms less;
@@ -63,11 +67,6 @@ constexpr int64_t kMostEmpty = 8;
 constexpr int64_t kRowsPerThread = 4;
 // Histogram entries of the counting sort, 4 bytes each. A pass has one per bin and run of records.
 constexpr int64_t kMostCounts = 1 << 23;
-
-template <class T>
-std::unique_ptr<T[]> allocate(int64_t n) {  // uninitialised
-  return std::unique_ptr<T[]>(new T[(size_t)std::max<int64_t>(n, 1)]);
-}
 
 // A run of triangles of one view, and the slots of the batch that are reserved for its records.
 struct Chunk {
@@ -91,15 +90,27 @@ int64_t slots_needed(const SetupJob& job, int64_t begin, int64_t end) {
 // A worker's memory: for a bin, and for shading it.
 int64_t scratch_bytes(const CheckedFrame& frame) { return kScratchBytes + (frame.shade ? kShadeScratchBytes : 0); }
 
+// Which pixels are stored around the caches: what RasterJob says of it.
+struct Stores {
+  bool streams_packed, streams_depth;
+  int64_t rows_in_cache;
+};
+
+Stores stores_of(const CheckedFrame& frame, int threads) {
+  const int64_t pixels = (int64_t)frame.views * frame.view.width * frame.view.height;
+  return {pixels > kPackedInCache, pixels > kDepthInCache, pixels <= kRowsInCache || threads > 1 ? kRowsInCache : 0};
+}
+
 class Drawing {
  public:
-  Drawing(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values)
+  Drawing(const CheckedFrame& frame, const Parallel& parallel, int64_t most_records, int64_t most_candidates,
+          const Stores& stores)
       : frame_(frame),
         kernels_(current_kernels().bin_owned),
         parallel_(parallel),
-        most_records_(values[kRecords]),
-        most_candidates_(values[kCandidates]),
-        scratch_(allocate<char>(parallel.threads * scratch_bytes(frame) + 64)),
+        most_records_(most_records),
+        most_candidates_(most_candidates),
+        scratch_((*workspace_).workers.room<char>(parallel.threads * scratch_bytes(frame))),
         shade_begun_(parallel.threads, 0) {
     job_ = {};
     job_.shade = frame.shade;
@@ -107,10 +118,9 @@ class Drawing {
     job_.packed = frame.packed;
     job_.depth = frame.depth;
     job_.counters = frame.counters;
-    const int64_t pixels = (int64_t)frame.views * frame.view.width * frame.view.height;
-    job_.streams_packed = pixels > kPackedInCache;
-    job_.streams_depth = pixels > kDepthInCache;
-    job_.rows_in_cache = pixels <= kRowsInCache || parallel.threads > 1 ? kRowsInCache : 0;
+    job_.streams_packed = stores.streams_packed;
+    job_.streams_depth = stores.streams_depth;
+    job_.rows_in_cache = stores.rows_in_cache;
     job_.bins_x = bin_columns(frame.view);
     job_.bins = job_.bins_x * bin_rows(frame.view);
   }
@@ -133,7 +143,7 @@ class Drawing {
   void draw_group(int64_t first, int64_t views, int64_t used) {
     const int64_t stride = frame_.view_stride ? used : 0;  // views that share their positions share the vertices too
     const int64_t meshes = stride ? views : 1;
-    const auto vertices = allocate<Vertex>(meshes * used);
+    Vertex* const vertices = (*workspace_).vertices.room<Vertex>(meshes * used);
     // A view's vertices are projected in pieces, some 4 per thread in all.
     const int64_t pieces = std::clamp<int64_t>(4 * parallel_.threads / meshes, 1, used / 4096 + 1);
     std::atomic<uint32_t> flags{0};  // of all vertices
@@ -141,12 +151,11 @@ class Drawing {
       const int64_t view = i / pieces, piece = i % pieces, begin = used * piece / pieces,
                     end = used * (piece + 1) / pieces;
       flags.fetch_or(kernels_.project(positions(first + view), frame_.lowest + begin, frame_.lowest + end,
-                                      frame_.view.width, frame_.view.height, vertices.get() + view * stride + begin),
+                                      frame_.view.width, frame_.view.height, vertices + view * stride + begin),
                      std::memory_order_relaxed);
     });
     const auto job_of = [&](int64_t view) {
-      return SetupJob{positions(first + view), frame_.triangles, vertices.get() + view * stride, frame_.lowest,
-                      frame_.view};
+      return SetupJob{positions(first + view), frame_.triangles, vertices + view * stride, frame_.lowest, frame_.view};
     };
 
     // Some 8 chunks per thread, of 64 to kMaxChunk triangles, at most as many as a batch has slots. A view without
@@ -190,13 +199,12 @@ class Drawing {
         chunks[end].slot = slots;
         slots += chunks[end++].slots;
       }
-      const auto records = allocate<Record>(slots);
-      const auto candidates = allocate<uint32_t>(slots);
+      Record* const records = (*workspace_).records.room<Record>(slots);
+      uint32_t* const candidates = (*workspace_).candidates.room<uint32_t>(slots);
       parallel_((int64_t)(end - begin), [&](int64_t i) {
         Chunk& k = chunks[begin + i];
-        k.used = kernels_.setup(job_of(k.view), k.begin, k.end, records.get() + k.slot, candidates.get() + k.slot,
-                                &k.dropped);
-        std::fill(candidates.get() + k.slot + k.used, candidates.get() + k.slot + k.slots, 0u);
+        k.used = kernels_.setup(job_of(k.view), k.begin, k.end, records + k.slot, candidates + k.slot, &k.dropped);
+        std::fill(candidates + k.slot + k.used, candidates + k.slot + k.slots, 0u);
       });
       // First slot of each view of the batch; the last element ends the last view.
       std::vector<int64_t> view_begin;
@@ -208,7 +216,7 @@ class Drawing {
         counts_.add(Counter::bytes, chunks[i].used * (int64_t)sizeof(Record));
       }
       view_begin.push_back(slots);
-      draw_records(records.get(), candidates.get(), first_view, view_begin,
+      draw_records(records, candidates, first_view, view_begin,
                    end == chunks.size() || chunks[end].view != chunks[end - 1].view);
       begin = end;
     }
@@ -249,24 +257,24 @@ class Drawing {
     const int64_t wanted = std::min({(int64_t)(parallel_.threads > 1 ? 4 * parallel_.threads : 1), total / 2048 + 1,
                                      std::max<int64_t>(1, kMostCounts / bins)});
     std::vector<int64_t> bounds = {begin}, pair_begin = {0};
-    int64_t sum = 0;
-    for (int64_t i = begin; i < end; ++i) {
+    int64_t sum = 0, next = total / wanted;  // the sum at which the next run begins
+    for (int64_t i = begin; (int64_t)bounds.size() < wanted && i + 1 < end; ++i) {
       sum += candidates[i];
-      if (sum >= (int64_t)bounds.size() * total / wanted && i + 1 < end && (int64_t)bounds.size() < wanted) {
-        bounds.push_back(i + 1);
-        pair_begin.push_back(sum);
-      }
+      if (sum < next) continue;
+      bounds.push_back(i + 1);
+      pair_begin.push_back(sum);
+      next = (int64_t)bounds.size() * total / wanted;
     }
     const int64_t runs = (int64_t)bounds.size();
     bounds.push_back(end);
     const BinJob job = {records, candidates, view_begin, job_.bins_x, job_.bins};
-    const auto pairs = allocate<BinPair>(total);
-    std::vector<uint32_t> counts(runs * bins, 0);
+    BinPair* const pairs = (*workspace_).pairs.room<BinPair>(total);
+    uint32_t* const counts = (*workspace_).counts.room<uint32_t>(runs * bins);
+    std::fill(counts, counts + runs * bins, 0u);
     std::vector<int64_t> used(runs);
     parallel_(runs, [&](int64_t c) {
       Counts work;
-      used[c] =
-          kernels_.bin(job, bounds[c], bounds[c + 1], pairs.get() + pair_begin[c], counts.data() + c * bins, &work);
+      used[c] = kernels_.bin(job, bounds[c], bounds[c + 1], pairs + pair_begin[c], counts + c * bins, &work);
       work.publish(frame_.counters);
     });
     // Bins of views that no pass has begun and that come before this pass. Their lists are empty; they are drawn with
@@ -286,15 +294,15 @@ class Drawing {
     counts_.add(Counter::candidates, total);
     counts_.add(Counter::entries, at);
     counts_.add(Counter::bytes, at * (int64_t)(sizeof(BinPair) + sizeof(uint32_t)));
-    const auto entries = allocate<uint32_t>(at);
+    uint32_t* const entries = (*workspace_).entries.room<uint32_t>(at);
     parallel_(runs, [&](int64_t c) {
-      uint32_t* next = counts.data() + c * bins;
-      for (const BinPair *p = pairs.get() + pair_begin[c], *stop = p + used[c]; p < stop; ++p)
+      uint32_t* next = counts + c * bins;
+      for (const BinPair *p = pairs + pair_begin[c], *stop = p + used[c]; p < stop; ++p)
         entries[next[p->bin]++] = p->entry;
     });
     job_.first_bin = first_view * job_.bins - ahead;
     job_.finished_views = first_view + views - !ends_last;
-    raster(first_view + views, entries.get(), list_begin.data());
+    raster(first_view + views, entries, list_begin.data());
   }
 
   // Finds memory for the pixels of the open view, apart from that of the view that the pass begins with.
@@ -304,7 +312,7 @@ class Drawing {
       return;
     }
     auto& memory = held_[job_.begun.pixels && job_.begun.pixels == held_[0].get()];
-    if (!memory) memory = allocate<int64_t>((int64_t)job_.view.width * job_.view.height);
+    if (!memory) memory.reset(new int64_t[(size_t)job_.view.width * job_.view.height]);  // uninitialised
     job_.unfinished.view = open_view_;
     job_.unfinished.pixels = memory.get();
   }
@@ -312,7 +320,7 @@ class Drawing {
   // Shades the open view, of which no later pass has a record that reaches a bin.
   void finish_open_view() {
     if (open_view_ < 0) return;
-    ShadeJob one = view_of(*job_.shade, open_view_);
+    ShadeJob one = views_of(*job_.shade, open_view_, 1);
     one.packed = job_.packed ? pixels_of(frame_, open_view_) : job_.unfinished.pixels;
     shade_views(one, parallel_);
     open_view_ = -1;
@@ -355,10 +363,9 @@ class Drawing {
     parallel_.with_slots(parts * ((count + parts - 1) / parts), [&](int64_t i, int64_t slot) {
       const int64_t part = i % parts, run = count * part / parts + i / parts;
       if (run >= count * (part + 1) / parts) return;
-      char* scratch = scratch_.get() + slot * scratch_bytes(frame_);
-      scratch += -(uintptr_t)scratch & 63;  // up to the next multiple of 64 bytes
+      char* scratch = scratch_ + slot * scratch_bytes(frame_);
       char* shade_scratch = scratch + kScratchBytes;
-      if (job_.shade && !shade_begun_[slot]) job_.shade->kernels->begin(shade_scratch);
+      if (job_.shade && !shade_begun_[slot]) job_.shade->kernels->begin(*job_.shade, shade_scratch);
       shade_begun_[slot] = 1;
       kernels_.raster_bins(job_, runs[run], (int)(runs[run + 1] - runs[run]), scratch, shade_scratch);
     });
@@ -369,16 +376,55 @@ class Drawing {
   const BinOwnedKernels& kernels_;
   const Parallel& parallel_;
   const int64_t most_records_, most_candidates_;  // of a batch; of a pass
+  const KeptWorkspace workspace_;
   RasterJob job_;                                 // of the pass that is drawn
-  std::unique_ptr<char[]> scratch_;               // scratch_bytes per worker, and 64 to align the first
+  char* const scratch_;                           // scratch_bytes per worker
   std::vector<char> shade_begun_;                 // of each worker: whether its memory for shading is in use
   int64_t open_view_ = -1;  // the view of the last pass that was not finished, if a picture is made; else -1
   std::unique_ptr<int64_t[]> held_[2];  // for job_.begun and job_.unfinished
   Counts counts_;
 };
 
+// A part of all views for one thread: how many views it draws at a time, 0 where all threads draw the same views
+// together, and the most records that it sets up at once.
+struct Share {
+  int64_t views, most_records;
+};
+
+// By itself a thread waits for nobody, and what set-up has written is in its own cache. That needs many views for each
+// thread, since the last one's work is what the others wait for, and small ones: the records of a view fit a batch, those
+// of all threads together are no more than a batch or kRecordsToJoin each, and all vertices no more than a group.
+Share share_of(const CheckedFrame& frame, int threads, int64_t most_records) {
+  const int64_t used = frame.count ? frame.highest - frame.lowest + 1 : 0;
+  const int64_t most = std::max(most_records / threads, std::min(most_records, kRecordsToJoin));
+  if (threads == 1 || frame.views < kViewsPerThread * threads || !frame.view_stride || !used) return {0, 0};
+  if (frame.count > most || used > kGroupVertices / threads) return {0, 0};
+  return {std::clamp<int64_t>(kRecordsToJoin / frame.count, 1, frame.views / (kViewsPerThread * threads)), most};
+}
+
 void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
-  Drawing(frame, parallel, values).draw();
+  const int threads = parallel.threads;
+  const int64_t most_records = values[kRecords], most_candidates = values[kCandidates];
+  const Stores stores = stores_of(frame, threads);
+  const Share share = share_of(frame, threads, most_records);
+  if (!share.views) {
+    Drawing(frame, parallel, most_records, most_candidates, stores).draw();
+    return;
+  }
+  parallel((frame.views + share.views - 1) / share.views, [&](int64_t i) {
+    const int64_t first = i * share.views, count = std::min(share.views, frame.views - first);
+    CheckedFrame part = frame;
+    static_cast<Frame&>(part) = views_of(frame, first, (int32_t)count);
+    ShadeJob picture;
+    if (frame.shade) {
+      picture = views_of(*frame.shade, first, count);
+      part.shade = &picture;
+    }
+    Stores here = stores;
+    here.rows_in_cache -= first * frame.view.width * frame.view.height;
+    const int64_t candidates = std::max<int64_t>(most_candidates / threads, 1);
+    Drawing(part, Parallel{1}, share.most_records, candidates, here).draw();
+  });
 }
 
 }  // namespace

@@ -154,9 +154,11 @@ BIGTRI_INLINE bool is_hidden(const Record& r, int bin_x, int bin_y, const float*
 }
 
 // The direct path: a small record within the bin, row by row of its bbox, eight pixels at a time. f fits int32 up to 8
-// px outside the bbox, because a small record is at most kDirectExtent wide and high (core/record.h).
+// px outside the bbox, because a small record is at most kDirectExtent wide and high (core/record.h). It is the value at
+// the cell's first pixel, in steps, and whole steps from there. cell: cell_edges.
 template <bool kThin, bool kFar>
-BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, int bin_y, Scratch* s) {
+BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, const int64_t cell[3], int bin_x, int bin_y,
+                              Scratch* s) {
   const int left = bin_x * kBin, top = bin_y * kBin;
   const int x0 = max_of(r.x0 - left, 0), y0 = max_of(r.y0 - top, 0), x1 = min_of(r.x1 - left, kBin),
             y1 = min_of(r.y1 - top, kBin);
@@ -167,7 +169,7 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
     const Edge e = edge_of(r.x, r.y, k);
     sx[k] = -e.dy;
     sy[k] = e.dx;
-    row[k] = (int32_t)edge_steps(e, left + x0, top + y0) + lane * sx[k];
+    row[k] = (int32_t)(steps_of(cell[k], e) + (int64_t)sx[k] * x0 + (int64_t)sy[k] * y0) + lane * sx[k];
   }
   s->counts.add(Counter::edges_64, 3);
   // A column of eight pixels' width. No branch on the coverage: it would be mispredicted more often than it saves work.
@@ -189,17 +191,19 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, int bin_x, in
 }
 
 BIGTRI_INLINE void draw_small_record(const Record& r, int bin_x, int bin_y, Scratch* s) {
+  int64_t cell[3];
+  cell_edges(r, bin_x, bin_y, cell);
   CellDepth d;
-  cell_depth(r, bin_x, bin_y, &d);
+  cell_depth(r, bin_x, bin_y, depth_from_edges(cell, r.z, r.area), &d);
   if (d.thin) {
     if (d.far)
-      draw_small<true, true>(r, d, bin_x, bin_y, s);
+      draw_small<true, true>(r, d, cell, bin_x, bin_y, s);
     else
-      draw_small<true, false>(r, d, bin_x, bin_y, s);
+      draw_small<true, false>(r, d, cell, bin_x, bin_y, s);
   } else if (d.far) {
-    draw_small<false, true>(r, d, bin_x, bin_y, s);
+    draw_small<false, true>(r, d, cell, bin_x, bin_y, s);
   } else {
-    draw_small<false, false>(r, d, bin_x, bin_y, s);
+    draw_small<false, false>(r, d, cell, bin_x, bin_y, s);
   }
 }
 

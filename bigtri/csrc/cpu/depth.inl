@@ -33,6 +33,12 @@ struct CellDepth {
   bool far;                                          // kRecordFar
 };
 
+// The unbiased edges at the centre of the cell's first pixel, subpx^2.
+BIGTRI_INLINE void cell_edges(const Record& r, int bin_x, int bin_y, int64_t e[3]) {
+  for (int k = 0; k < 3; ++k)
+    e[k] = edge_value(edge_of(r.x, r.y, k), pixel_centre(bin_x * kBin), pixel_centre(bin_y * kBin));
+}
+
 // The depth of a record's plane at the cell's first pixel centre; of a thin record, which has none, any number.
 BIGTRI_INLINE DepthNumber cell_anchor(const Record& r, int bin_x, int bin_y) {
   return is_thin(r) ? 0 : depth_at(r.x, r.y, r.z, r.area, bin_x * kBin, bin_y * kBin);
@@ -52,9 +58,11 @@ BIGTRI_INLINE void cell_depth(const Record& r, int bin_x, int bin_y, DepthNumber
     return;
   }
   d->area = r.area.value;
+  int64_t cell[3];
+  cell_edges(r, bin_x, bin_y, cell);
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(r.x, r.y, k);
-    d->e[k] = (DepthNumber)edge_value(e, pixel_centre(bin_x * kBin), pixel_centre(bin_y * kBin));
+    d->e[k] = (DepthNumber)cell[k];
     d->ex[k] = -(DepthNumber)kSubpixel * e.dy;
     d->ey[k] = (DepthNumber)kSubpixel * e.dx;
     d->z[k] = r.z[k];

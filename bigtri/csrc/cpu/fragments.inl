@@ -3,6 +3,7 @@
 #pragma once
 
 #include "attributes.inl"
+#include "texture.inl"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -55,6 +56,9 @@ struct ShadeScratch {
   int count, segments;
   float linear[3][kBin];  // of a row of samples, where several make a pixel
   bool covered[kBin];
+#if BIGTRI_SIMD >= 512
+  CodeTable codes;
+#endif
   // The triangles that were met last, each at the place that its index's lowest bits name.
   Shaded shaded[1 << kShadedBits];
   int64_t clipped_key;  // what `clipped` holds
@@ -63,8 +67,11 @@ struct ShadeScratch {
 };
 static_assert(sizeof(ShadeScratch) <= kShadeScratchBytes, "scratch");
 
-void shade_begin(void* memory) {
+void shade_begin(const ShadeJob& job, void* memory) {
   ShadeScratch* s = (ShadeScratch*)memory;
+#if BIGTRI_SIMD >= 512
+  fill_code_table(job.decoded8, &s->codes);
+#endif
   for (Shaded& shaded : s->shaded) shaded.key = -1;
   s->clipped_key = -1;
   s->count = s->segments = 0;
@@ -94,8 +101,8 @@ BIGTRI_INLINE void edges_of_eight(const Planes& of, int y, int x, f64x8 e[3]) {
 // Rounds what `barycentrics` gives to float32, for n pixels with edge values e; the others' weights mean nothing.
 //
 // It multiplies by reciprocals where barycentrics divides. With edge values that are not negative, as weights of slots
-// never are (cut_weight), nothing cancels, and rounding 30 times at most, here and there together, moves a result by less
-// than 2^-48 of it.
+// never are (cut_weight), nothing cancels, and rounding 31 times at most, here and there together and an end of the
+// interval included, moves a result by less than 2^-48 of it.
 // Rounding to float32 is monotone, so where both ends of an interval around the result go to the same float32, that of
 // barycentrics goes there too. Where they do not, in one of millions of pixels, it divides.
 template <int kRecords>
@@ -112,11 +119,11 @@ BIGTRI_INLINE void weigh_quickly(const ParentOf<kRecords>& parent, int record, c
     const f64x8 inverse = 1.0 / ((b[0] + b[1]) + b[2]);
     for (int k = 0; k < 3; ++k) b[k] = b[k] * inverse;
   }
+  constexpr double kError = 1.0 / (1ll << 48);
   f32x8 upper[3];
   for (int k = 0; k < 3; ++k) {
-    const f64x8 error = b[k] * (1.0 / (1ll << 48));
-    weight[k] = to_float(b[k] - error);
-    upper[k] = to_float(b[k] + error);
+    weight[k] = to_float(b[k] * (1.0 - kError));
+    upper[k] = to_float(b[k] * (1.0 + kError));
   }
   const i32x8 sure = (weight[0] == upper[0]) & (weight[1] == upper[1]) & (weight[2] == upper[2]);
   const uint32_t doubtful = ~sign_mask(sure) | sign_mask(e[0]) | sign_mask(e[1]) | sign_mask(e[2]);
@@ -266,13 +273,29 @@ void append_run(const ShadeJob& job, Shaded* t, int y, int x, int n, int at, Sha
   }
 }
 
-// Appends the fragments of n samples of a row. empty(i, n): samples [i, i + n) have none.
+// Bit i: the run of one triangle that sample i of n <= 64 lies in ends there.
+BIGTRI_INLINE uint64_t run_ends(const int64_t* packed, int n) {
+  uint64_t ends = 1ull << (n - 1);
+  const auto compare = [&](int i) __attribute__((always_inline)) {
+    ends |= (uint64_t)lower_differ(load<i64x8>(packed + i), load<i64x8>(packed + i + 1)) << i;
+  };
+  if (n < 9) {
+    for (int i = 0; i + 1 < n; ++i) ends |= (uint64_t)((uint32_t)packed[i] != (uint32_t)packed[i + 1]) << i;
+    return ends;
+  }
+  for (int i = 0; i < n - 9; i += 8) compare(i);
+  compare(n - 9);
+  return ends;
+}
+
+// Appends the fragments of n <= 64 samples of a row. empty(i, n): samples [i, i + n) have none.
 template <class Empty>
 BIGTRI_INLINE void append_row(const ShadeJob& job, int64_t view, const int64_t* packed, int y, int x, int n, int at,
                               ShadeScratch* s, const Empty& empty) {
-  for (int i = 0, end; i < n; i = end) {
+  int i = 0;
+  for (uint64_t ends = run_ends(packed, n); ends; ends &= ends - 1) {
+    const int end = __builtin_ctzll(ends) + 1;
     const uint32_t triangle = (uint32_t)packed[i];
-    for (end = i + 1; end < n && (uint32_t)packed[end] == triangle;) ++end;
     // The background names none of the triangles: kBackground ends in 32 bits that are set.
     Shaded* t = nullptr;
     if (triangle < job.triangle_count) {
@@ -283,6 +306,7 @@ BIGTRI_INLINE void append_row(const ShadeJob& job, int64_t view, const int64_t* 
       append_run(job, t, y, x + i, end - i, at + i, s);
     else
       empty(i, end - i);
+    i = end;
   }
 }
 

@@ -3,7 +3,8 @@
 //
 // Triangles that need no clipping are set up eight at a time: set-up is a third of the time of a mesh of small
 // triangles, and a triangle's orientation and first vertex are branches that nothing predicts. set_up_eight computes
-// what make_primitive (core/setup.h) and fill_record (core/record.h) compute, step by step.
+// what make_primitive (core/setup.h) and fill_record (core/record.h) compute, step by step. It leaves out what covers no
+// pixel where that is quickly seen.
 #pragma once
 
 #include "kernels.h"
@@ -55,6 +56,30 @@ BIGTRI_INLINE void swap_where(const i32x8& mask, Lanes<T, 8>* a, Lanes<T, 8>* b)
   *b = select<T, 8>(mask, old, *b);
 }
 
+// Largest extent of a tiny triangle, subpx.
+constexpr int32_t kTinyExtent = 4 * kSubpixel;
+
+// Which of eight triangles cover no pixel, of those that are tiny and whose bboxes, px, are at most 2x2. Of a mesh whose
+// triangles are about as large as a pixel that is a third; they need no record. Vertices and bboxes as in a record. e is
+// within int32: a vertex and a sample are at most kTinyExtent + kSubpixel < 2^11 apart, so |e| < 2 * 2^10 * 2^11.
+BIGTRI_INLINE i32x8 covers_nothing(const i32x8 x[3], const i32x8 y[3], const i32x8& x0, const i32x8& y0,
+                                   const i32x8& columns, const i32x8& rows) {
+  i32x8 outside[2][2];  // [row][column], negative where the sample is
+  for (int k = 0; k < 3; ++k) {
+    const int p = k == 2 ? 0 : k + 1, q = p == 2 ? 0 : p + 1;
+    const i32x8 dx = x[q] - x[p], dy = y[q] - y[p];
+    const i32x8 bias = ((dy < 0) | ((dy == 0) & (dx > 0))) == 0;  // edge_bias: 0 or -1
+    const i32x8 e = dx * (y0 * kSubpixel + kHalf - y[p]) - dy * (x0 * kSubpixel + kHalf - x[p]) + bias;
+    const i32x8 right = dy * -kSubpixel, down = dx * kSubpixel;
+    const i32x8 f[2][2] = {{e, e + right}, {e + down, e + right + down}};
+    for (int j = 0; j < 2; ++j)
+      for (int i = 0; i < 2; ++i) outside[j][i] = k == 0 ? f[j][i] : outside[j][i] | f[j][i];
+  }
+  const i32x8 one_column = columns - 2, one_row = rows - 2;  // negative where it is
+  return (outside[0][0] & (outside[0][1] | one_column) & (outside[1][0] | one_row) &
+          (outside[1][1] | one_column | one_row)) < 0;
+}
+
 // Sets up the first `count` of eight triangles and returns the number of records.
 int set_up_eight(const Eight& t, int count, const Viewport& view, Record* records, uint32_t* candidates) {
   i32x8 x[3], y[3];
@@ -85,6 +110,12 @@ int set_up_eight(const Eight& t, int count, const Viewport& view, Record* record
   rotate(x, second & (two == 0), two);
   rotate(y, second & (two == 0), two);
   rotate(z, second & (two == 0), two);
+  const i32x8 longest = greatest(max_x - min_x, max_y - min_y);
+  const i32x8 tiny = (longest < kTinyExtent) & (x1 - x0 < 3) & (y1 - y0 < 3);
+  if (sign_mask(tiny) & kept) {
+    kept &= ~sign_mask(tiny & covers_nothing(x, y, x0, y0, x1 - x0, y1 - y0));
+    if (!kept) return 0;
+  }
   area = select<double, 8>(area < 0.0, splat<f64x8>(0.0) - area, area);
   // fill_record
   DepthLanes gx[3], gy[3], number_z[3];
@@ -101,8 +132,7 @@ int set_up_eight(const Eight& t, int count, const Viewport& view, Record* record
                    dzdy = weighted_depth<DepthLanes>(gy[0], gy[1], gy[2], number_z[0], number_z[1], number_z[2], area);
   const f32x8 zmin = least(least(z[0], z[1]), z[2]), zmax = greatest(greatest(z[0], z[1]), z[2]);
   // A bbox has at most 2^28 px, and both sides of the thin test are integers below 2^54: float64 holds them exactly.
-  const i32x8 large =
-      ((x1 - x0) * (y1 - y0) > (int32_t)kDirectPixels) | (greatest(max_x - min_x, max_y - min_y) > kDirectExtent);
+  const i32x8 large = ((x1 - x0) * (y1 - y0) > (int32_t)kDirectPixels) | (longest > kDirectExtent);
   const i32x8 thin = lower_half(to_double(length) * (double)kSubpixel > area * (double)kThinRatio);
   const i32x8 flags =
       (large & (int32_t)kRecordLarge) | (thin & (int32_t)kRecordThin) | ((zmax > 1.0f) & (int32_t)kRecordFar);

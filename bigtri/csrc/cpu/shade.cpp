@@ -9,15 +9,15 @@
 
 namespace bigtri {
 
-ShadeJob view_of(const ShadeJob& job, int64_t view) {
+ShadeJob views_of(const ShadeJob& job, int64_t first, int64_t count) {
   const int64_t pixels = (int64_t)job.height * job.width;
-  ShadeJob one = job;
-  one.views = 1;
-  one.positions = job.positions + view * job.position_view;
-  one.image = job.image + view * (pixels / (job.samples * job.samples)) * job.channels;
-  for (float** image : {&one.albedo, &one.normals, &one.linear})
-    if (*image) *image += view * 3 * pixels;
-  return one;
+  ShadeJob some = job;
+  some.views = count;
+  some.positions = job.positions + first * job.position_view;
+  some.image = job.image + first * (pixels / (job.samples * job.samples)) * job.channels;
+  for (float** image : {&some.albedo, &some.normals, &some.linear})
+    if (*image) *image += first * 3 * pixels;
+  return some;
 }
 
 void shade_views(const ShadeJob& job, const Parallel& parallel) {
@@ -29,7 +29,7 @@ void shade_views(const ShadeJob& job, const Parallel& parallel) {
   std::vector<char> begun((size_t)parallel.threads, 0);
   parallel.with_slots(job.views * columns * rows, [&](int64_t i, int64_t slot) {
     void* scratch = first + slot * kShadeScratchBytes;
-    if (!begun[(size_t)slot]) job.kernels->begin(scratch);
+    if (!begun[(size_t)slot]) job.kernels->begin(job, scratch);
     begun[(size_t)slot] = 1;
     const int64_t view = i / (columns * rows);
     const int x = (int)(i % columns) * side, y = (int)(i / columns % rows) * side;

@@ -8,7 +8,6 @@
 #pragma once
 
 #include "fragments.inl"
-#include "texture.inl"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -18,21 +17,7 @@ namespace {
 // number, the next loads by vectors, which a processor can do fast only when the stores are done.
 constexpr int kTogether = kLookups;
 
-// Multiplies the albedo of n fragments by a texture. u, v: their coordinates.
-template <class Texels>
-BIGTRI_INLINE void multiply_texture(const Texels& texels, const Texture& t, const Look& look, const float* u,
-                                    const float* v, int n, float albedo[3][kTogether]) {
-  const Wrap wrap = look.bits & kLookClamp ? Wrap::kClamp : Wrap::kRepeat;
-  const Filter filter = look.bits & kLookNearest ? Filter::kNearest : Filter::kBilinear;
-  float texel[kTogether][4];
-  if (are_numbered(t.height, t.width, 3)) {
-    Lookups at;
-    find_texels<3>(t.height, t.width, u, v, n, filter, wrap, &at);
-    blend_texels<3>(texels, (int64_t)t.height * t.width * 3, at, n, filter,
-                    [&](int i, const f32x4& value) { store(texel[i], value); });
-  } else {
-    for (int i = 0; i < n; ++i) sample(texels, t.height, t.width, 3, u[i], v[i], filter, wrap, texel[i]);
-  }
+BIGTRI_INLINE void multiply_triples(const float texel[kTogether][4], int n, float albedo[3][kTogether]) {
   for (int i = 0; i < n; i += 16) {
     f32x16 channel[3];
     load_triples(texel[i], channel);
@@ -40,15 +25,50 @@ BIGTRI_INLINE void multiply_texture(const Texels& texels, const Texture& t, cons
   }
 }
 
-void apply_texture(const ShadeJob& job, const Look& look, const float* u, const float* v, int n,
+// Multiplies n colours by texels that are found.
+template <class Texels>
+BIGTRI_INLINE void multiply_texels(const Texels& texels, int64_t values, const Lookups& at, int n, Filter filter,
+                                   float albedo[3][kTogether]) {
+  float texel[kTogether][4];
+  blend_texels<3>(texels, values, at, n, filter, [&](int i, const f32x4& value) { store(texel[i], value); });
+  multiply_triples(texel, n, albedo);
+}
+
+// Multiplies n colours by a texture whose values are numbered. u, v: their coordinates.
+template <class Texels>
+BIGTRI_INLINE void multiply_numbered(const Texels& texels, const Texture& t, const float* u, const float* v, int n,
+                                     Filter filter, Wrap wrap, float albedo[3][kTogether]) {
+  Lookups at;
+  find_texels<3>(t.height, t.width, u, v, n, filter, wrap, &at);
+  multiply_texels(texels, (int64_t)t.height * t.width * 3, at, n, filter, albedo);
+}
+
+// The same of any texture.
+template <class Texels>
+BIGTRI_INLINE void multiply_texture(const Texels& texels, const Texture& t, const float* u, const float* v, int n,
+                                    Filter filter, Wrap wrap, float albedo[3][kTogether]) {
+  if (are_numbered(t.height, t.width, 3)) return multiply_numbered(texels, t, u, v, n, filter, wrap, albedo);
+  float texel[kTogether][4];
+  for (int i = 0; i < n; ++i) sample(texels, t.height, t.width, 3, u[i], v[i], filter, wrap, texel[i]);
+  multiply_triples(texel, n, albedo);
+}
+
+// Multiplies n colours by the texture of their material.
+void apply_texture(const ShadeJob& job, const Look& look, const float* u, const float* v, int n, const ShadeScratch& s,
                    float albedo[3][kTogether]) {
   const Texture& t = job.surface.textures[look.texture];
+  const Filter filter = look.bits & kLookNearest ? Filter::kNearest : Filter::kBilinear;
+  const Wrap wrap = look.bits & kLookClamp ? Wrap::kClamp : Wrap::kRepeat;
+#if BIGTRI_SIMD >= 512
+  if (t.kind == Texels::kCodes8 && are_numbered(t.height, t.width, 3) && t.height * t.width * 3 >= kCodesRead)
+    return multiply_numbered(TabledTexels{(const uint8_t*)t.texels, s.codes}, t, u, v, n, filter, wrap, albedo);
+#endif
   if (t.kind == Texels::kCodes8)
-    multiply_texture(CodedTexels<uint8_t>{(const uint8_t*)t.texels, job.decoded8}, t, look, u, v, n, albedo);
+    multiply_texture(CodedTexels<uint8_t>{(const uint8_t*)t.texels, job.decoded8}, t, u, v, n, filter, wrap, albedo);
   else if (t.kind == Texels::kCodes16)
-    multiply_texture(CodedTexels<uint16_t>{(const uint16_t*)t.texels, job.decoded16}, t, look, u, v, n, albedo);
+    multiply_texture(CodedTexels<uint16_t>{(const uint16_t*)t.texels, job.decoded16}, t, u, v, n, filter, wrap, albedo);
   else
-    multiply_texture((const float*)t.texels, t, look, u, v, n, albedo);
+    multiply_texture((const float*)t.texels, t, u, v, n, filter, wrap, albedo);
 }
 
 // Writes n triples to their places in an image of three floats a sample, if there is one.
@@ -57,14 +77,32 @@ BIGTRI_INLINE void scatter(float* image, const int32_t* at, int n, const float o
     for (int c = 0; c < 3; ++c) image[3 * (int64_t)at[i] + c] = of[c][i];
 }
 
-// Writes the sRGB codes of n colours to their pixels. linear: the colours, within the table's steps.
+// Writes the sRGB codes of n colours to their pixels. linear: the bits of the colours, within the table's steps.
 template <int kChannels>
 BIGTRI_INLINE void encode_pixels(const SrgbSteps& table, uint8_t* image, const int32_t* at, int n,
-                                 const float linear[3][kTogether]) {
-  for (int i = 0; i < n; ++i) {
-    uint8_t* pixel = image + kChannels * (int64_t)at[i];
-    for (int c = 0; c < 3; ++c) pixel[c] = encode_step(linear[c][i], table);
-    if (kChannels == 4) pixel[3] = 255;
+                                 const uint32_t linear[3][kTogether]) {
+  uint32_t of_step[3][kTogether];
+  for (int c = 0; c < 3; ++c)
+    for (int i = 0; i < n; i += 16) store(of_step[c] + i, step_of(load<u32x16>(linear[c] + i)));
+  for (int c = 0; c < 3; ++c)
+    for (int i = 0; i < n; ++i) of_step[c][i] = table.byte[of_step[c][i]];
+  for (int i = 0; i < n; i += 16) {
+    u32x16 code[3];
+    for (int c = 0; c < 3; ++c) code[c] = byte_of(load<u32x16>(linear[c] + i), load<u32x16>(of_step[c] + i)) & 0xffu;
+    const u32x16 pixels = (code[0] | code[1] << 8u) | (code[2] << 16u | 0xff000000u);
+    // In a row most pixels follow each other, whatever triangles they are of.
+    if (n - i >= 16 && at[i + 15] - at[i] == 15) {
+      uint8_t* to = image + kChannels * (int64_t)at[i];
+      if (kChannels == 4)
+        store((uint32_t*)to, pixels);
+      else
+        store_triples(to, pixels);
+    } else {
+      uint32_t pixel[16];
+      store(pixel, pixels);
+      for (int k = 0; k < min_of(16, n - i); ++k)
+        __builtin_memcpy(image + kChannels * (int64_t)at[i + k], pixel + k, kChannels);
+    }
   }
 }
 
@@ -79,11 +117,12 @@ void shade_together(const ShadeJob& job, const Targets& to, const Segment& segme
                     const ShadeScratch& s) {
   const Surface& f = job.surface;
   const int32_t* at = s.at + i;
-  float albedo[3][kTogether], normal[3][kTogether], linear[3][kTogether], encoded[3][kTogether];
+  float albedo[3][kTogether], normal[3][kTogether], linear[3][kTogether];
+  uint32_t encoded[3][kTogether];
   for (int k = 0; k < n; k += 16)
     for (int c = 0; c < 3; ++c) store(albedo[c] + k, splat<f32x16>(segment.base[c]));
   if (segment.look.texture >= 0)
-    apply_texture(job, segment.look, s.channel[kUv] + i, s.channel[kUv + 1] + i, n, albedo);
+    apply_texture(job, segment.look, s.channel[kUv] + i, s.channel[kUv + 1] + i, n, s, albedo);
   for (int k = 0; k < n; k += 16) {
     f32x16 base[3], direction[3], lit[3];
     for (int c = 0; c < 3; ++c) {
@@ -96,7 +135,7 @@ void shade_together(const ShadeJob& job, const Targets& to, const Segment& segme
       store(albedo[c] + k, base[c]);
       store(normal[c] + k, direction[c]);
       store(linear[c] + k, lit[c]);
-      store(encoded[c] + k, within_steps(lit[c]));
+      store((float*)encoded[c] + k, within_steps(lit[c]));
     }
   }
   scatter(to.albedo, at, n, albedo);

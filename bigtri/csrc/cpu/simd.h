@@ -31,6 +31,7 @@ struct Lanes {
 
 using i32x8 = Lanes<int32_t, 8>;
 using i32x16 = Lanes<int32_t, 16>;
+using u32x16 = Lanes<uint32_t, 16>;
 using i64x8 = Lanes<int64_t, 8>;
 using f32x8 = Lanes<float, 8>;
 using f32x16 = Lanes<float, 16>;
@@ -85,6 +86,7 @@ BIGTRI_OPERATOR(/)
 BIGTRI_OPERATOR(|)
 BIGTRI_OPERATOR(&)
 BIGTRI_OPERATOR(>>)
+BIGTRI_OPERATOR(<<)
 #undef BIGTRI_OPERATOR
 
 #define BIGTRI_COMPARISON(OP)                                                                               \
@@ -317,6 +319,25 @@ BIGTRI_INLINE i32x8 lower_half(const i64x8& v) {
   return r;
 }
 
+// Bit i: the lower halves of elements i differ.
+BIGTRI_INLINE uint32_t lower_differ(const i64x8& a, const i64x8& b) {
+#if BIGTRI_SIMD >= 512
+  return _mm512_test_epi64_mask(_mm512_xor_si512((__m512i)a.part[0], (__m512i)b.part[0]),
+                                _mm512_set1_epi64(0xffffffff));
+#elif BIGTRI_SIMD >= 256
+  uint32_t same = 0;
+  for (int i = 0; i < 2; ++i) {
+    const __m256i lower = _mm256_slli_epi64(_mm256_cmpeq_epi32((__m256i)a.part[i], (__m256i)b.part[i]), 32);
+    same |= (uint32_t)_mm256_movemask_pd((__m256d)lower) << 4 * i;
+  }
+  return same ^ 0xff;
+#else
+  uint32_t mask = 0;
+  for (int i = 0; i < 8; ++i) mask |= (uint32_t)((uint32_t)a[i] != (uint32_t)b[i]) << i;
+  return mask;
+#endif
+}
+
 // Rounds to nearest, half to even.
 BIGTRI_INLINE f32x8 to_float(const f32x8& v) { return v; }
 BIGTRI_INLINE f32x8 to_float(const i32x8& v) {
@@ -508,6 +529,30 @@ BIGTRI_INLINE void load_triples(const float* from, f32x16 out[3]) {
   for (int i = 0; i < 16; ++i)
     for (int c = 0; c < 3; ++c) element[c][i] = from[4 * i + c];
   for (int c = 0; c < 3; ++c) out[c] = load<f32x16>(element[c]);
+#endif
+}
+
+// Writes the three lower bytes of each of sixteen words, one behind the other.
+BIGTRI_INLINE void store_triples(uint8_t* to, const u32x16& v) {
+#if BIGTRI_SIMD >= 256
+  const __m128i without_fourth = _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);
+#endif
+#if BIGTRI_SIMD >= 512
+  const __m512i packed = _mm512_shuffle_epi8((__m512i)v.part[0], _mm512_broadcast_i32x4(without_fourth));
+  const __m512i in_front = _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 3, 7, 11, 15);
+  _mm512_mask_storeu_epi32(to, 0xfff, _mm512_permutexvar_epi32(in_front, packed));
+#elif BIGTRI_SIMD >= 256
+  for (int i = 0; i < 2; ++i) {
+    const __m256i packed = _mm256_shuffle_epi8((__m256i)v.part[i], _mm256_broadcastsi128_si256(without_fourth));
+    const __m256i in_front = _mm256_permutevar8x32_epi32(packed, _mm256_setr_epi32(0, 1, 2, 4, 5, 6, 3, 7));
+    _mm_storeu_si128((__m128i*)(to + 24 * i), _mm256_castsi256_si128(in_front));
+    _mm_storel_epi64((__m128i*)(to + 24 * i + 16), _mm256_extracti128_si256(in_front, 1));
+  }
+#else
+  for (int i = 0; i < 16; ++i) {
+    const uint32_t word = v[i];
+    __builtin_memcpy(to + 3 * i, &word, 3);
+  }
 #endif
 }
 

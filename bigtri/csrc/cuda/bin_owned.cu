@@ -17,13 +17,13 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr int64_t kFew = 256, kMostKept = 1 << 16;
+constexpr int64_t kMostKept = 1 << 16;
 constexpr int64_t kWarpsAllowed[] = {0, 4, 8, kMostWarps, -1};
 #define BIGTRI_LIST(X)                                                                                              \
   X(few, "triangles",                                                                                               \
     "up to so many, and 16 for each warp of a block, every block sets up all of them by itself; up to 256 only in " \
-    "an image of 3000 px for each",                                                                                 \
-    kFew, 0, kMostKept)                                                                                             \
+    "an image that has many pixels for each",                                                                       \
+    kFewTriangles, 0, kMostKept)                                                                                    \
   X(warps, "warps",                                                                                                 \
     "of a block that owns a patch of 64 px by 4 px a warp; 0: 16 for 129 and more that are few, else 8", 0, 0,      \
     kMostWarps, kWarpsAllowed)                                                                                      \
@@ -69,7 +69,8 @@ static_assert(3 * FewShared<kMostWarps>::kMost * sizeof(Vertex) <= sizeof(PatchS
               "begin_turn writes behind what set-up uses");
 static_assert(sizeof(FewShared<kMostWarps>) <= 64 * 1024, "as much as a block can have on all devices");
 
-// Sets up the triangles; returns how many were dropped. By all threads.
+// Sets up the triangles; returns how many were dropped. Where float64 is slow, patches make planes by pairs, and records
+// have none. By all threads.
 template <int kWarps>
 __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) {
   constexpr int kThreads = kWarps * kWarp;
@@ -98,7 +99,7 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) 
     const Vertex v[3] = {s->corners[corner[0]], s->corners[corner[1]], s->corners[corner[2]]};
     fate = assemble(f, v, &p);
     if (fate == Fate::kWhole) {
-      fill_record(p, f.first_triangle + t, &s->records[t]);
+      fill_record<!kPairDepth>(p, f.first_triangle + t, &s->records[t]);
       s->boxes[t] = box_of(s->records[t]);
     }
     if (fate == Fate::kClip) s->waiting[0][atomicAdd(&s->waiting_count[0], 1)] = (uint16_t)t;
@@ -135,7 +136,7 @@ __device__ __noinline__ void clip_few(const Frame& f, FewShared<kWarps>* s, int 
         }
       } else if (have) {
         at += __popc(all & lanes_below());
-        fill_record(part, f.first_triangle + triangle, &s->records[at]);
+        fill_record<!kPairDepth>(part, f.first_triangle + triangle, &s->records[at]);
         s->boxes[at] = box_of(s->records[at]);
       }
       __syncwarp();
@@ -268,11 +269,13 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
 
 // ---
 
-// Where triangles are few and the image is small, most of its patches are empty, and rows are sooner done.
-constexpr double kPixelsOfFew = 3000;  // of the image for each triangle
+// Where triangles are few for the image, they are large, or most of its patches are empty and rows are sooner done: a
+// number says nothing of which. These lose least of both, 2 us at most, where the other choice may lose 30. Rows of more
+// triangles are spread over more blocks, while each block of `few` sets up all of them.
+inline double least_pixels_of_few(int64_t count) { return count <= 32 ? 400 : count <= 128 ? 1000 : 3000; }
 bool are_few(const Frame& f, const Values& v) {
   return f.views == 1 && !f.ranges && f.count <= min_of<int64_t>(v.few, most_few(v.warps > 0 ? (int)v.warps : 16)) &&
-         (v.few > kFew || pixels_each(f) >= kPixelsOfFew);
+         (v.few > kFewTriangles || pixels_each(f) >= least_pixels_of_few(f.count));
 }
 
 // The rows' blocks merge what waits, which is mostly slivers and few large triangles: small blocks share it better.

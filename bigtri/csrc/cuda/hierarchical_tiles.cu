@@ -16,13 +16,13 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int64_t kTileSizes[] = {16, 32, 64, -1};
-constexpr int kMostLevels = 10;  // 2^9 tiles of 64 px are more than the widest image has
+constexpr int kMostLevels = 11;  // tiles of 16 px, and above them up to the widest image
 #define BIGTRI_LIST(X)                                                                                               \
   BIGTRI_BLOCKS_PARAMETER(X)                                                                                         \
   BIGTRI_QUEUE_PARAMETER(X)                                                                                          \
   BIGTRI_EARLY_Z_PARAMETER(X)                                                                                        \
   X(tile, "px", "of the finest tiles", 16, 16, 64, kTileSizes)                                                       \
-  X(levels, "", "of the pyramid", 5, 1, kMostLevels)                                                                 \
+  X(levels, "", "of the pyramid; 0: up to a tile that holds the image", 0, 0, kMostLevels)                           \
   X(meets, "tiles", "that a triangle may meet at the level where it is stored, unless that is the last", 4, 1, 4096) \
   BIGTRI_ROOM_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
@@ -56,6 +56,8 @@ struct Pyramid {
 Pyramid take_pyramid(Scratch* scratch, const Frame& f, const Values& v) {
   Pyramid p;
   p.levels = (int)v.levels;
+  if (p.levels == 0)
+    for (p.levels = 1; v.tile << (p.levels - 1) < max_of(f.view.width, f.view.height);) ++p.levels;
   p.most = (int)v.meets;
   p.record_room = (uint32_t)min_of<int64_t>(v.queue, (int64_t)f.count * kMaxSubTriangles);
   // Each level has a quarter of the tiles of the one below and room for twice as many in each, so that all have twice as
@@ -82,24 +84,18 @@ Pyramid take_pyramid(Scratch* scratch, const Frame& f, const Values& v) {
   return p;
 }
 
-// The tiles of a level that a record's bounding box meets.
-struct TileBox {
-  int x, y, columns, count;
-};
-__device__ __forceinline__ TileBox tile_box(const Record& r, int tile) {
-  const int x = r.x0 / tile, y = r.y0 / tile, columns = (r.x1 - 1) / tile - x + 1;
-  return {x, y, columns, columns * ((r.y1 - 1) / tile - y + 1)};
+// How many tiles of a level a record's bounding box meets.
+__device__ __forceinline__ int tiles_met(const Record& r, int tile) {
+  return ((r.x1 - 1) / tile - r.x0 / tile + 1) * ((r.y1 - 1) / tile - r.y0 / tile + 1);
 }
 
-// The record in a slot to the lists of its tiles, a lane a tile. By all lanes.
+// The record in a slot to the lists of those of its tiles that no edge rejects, a lane a tile. By all lanes.
 __device__ __forceinline__ void store(const Frame& f, const Pyramid& p, const Record& r, uint32_t slot) {
   int at = 0;
-  while (at + 1 < p.levels && tile_box(r, p.level[at].tile).count > p.most) ++at;
+  while (at + 1 < p.levels && tiles_met(r, p.level[at].tile) > p.most) ++at;
   const Level& level = p.level[at];
-  const TileBox box = tile_box(r, level.tile);
   bool full = false;
-  for (int i = lane_id(); i < box.count; i += kWarp) {
-    const int64_t tile = (int64_t)(box.y + i / box.columns) * level.columns + box.x + i % box.columns;
+  each_square(r, level.tile, level.columns, [&](int64_t tile) {
     const uint32_t place = atomicAdd(&p.sizes[level.first_tile + tile], 1u);
     count_work(f, Counter::entries, 1);
     count_work(f, Counter::overflows, place >= (uint32_t)level.room);
@@ -107,7 +103,7 @@ __device__ __forceinline__ void store(const Frame& f, const Pyramid& p, const Re
       p.slots[level.first_slot + tile * level.room + place] = slot;
     else
       full = true;
-  }
+  });
   if (__any_sync(kAllLanes, full) && lane_id() == 0) p.left[claim(p.left_count(), p.record_room, 1)] = slot;
 }
 

@@ -82,7 +82,7 @@ __device__ __forceinline__ uint32_t this_thread() {
 template <int kWarps>
 struct PatchShared {
   static constexpr int kThreads = kWarps * kWarp, kMaxEntries = kEntriesOfWarp * kWarps;
-  Entry entries[kMaxEntries];  // of records in the bin that a patch lies in
+  PatchEntry entries[kMaxEntries];  // of records in the bin that a patch lies in
   uint16_t list[kThreads];  // those that can be seen: a part for each patch
   // The threads' next candidates, while those gathered are drawn because there is no room for more; from the last
   // thread to the first, since else the compiler keeps an address.
@@ -125,14 +125,14 @@ enum class Output { kWrite, kMerge };  // alone on the frame, or beside others
 
 // Draws entries into a region: what misses it or lies behind it first falls out, an entry a lane. empty: the region
 // holds nothing yet.
-__device__ __forceinline__ void draw_all(Region& region, const Entry* entries, const uint16_t* list, int count,
+__device__ __forceinline__ void draw_all(Region& region, const PatchEntry* entries, const uint16_t* list, int count,
                                          bool empty, const Record* records) {
   const int x = region.x(), y = region.y();
   for (int base = 0; base < count; base += kWarp) {
     bool keep = base + lane_id() < count, full = keep;
     float nearest = 0.0f, farthest = kInfinity;
     if (keep) {  // without further branches: all of it is independent of each other
-      const Entry& e = entries[list[base + lane_id()]];
+      const PatchEntry& e = entries[list[base + lane_id()]];
 #pragma unroll
       for (int k = 0; k < 3; ++k) {
         keep &= highest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
@@ -237,11 +237,11 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
   int i = s->resumed ? s->cursor[kThreads - 1 - this_thread()] : next((int)(this_thread() & (each - 1)));
   bool more;
   do {
-    Meeting m = {kNotANumber};  // all of it, or registers would be kept for what the last round left
+    PatchMeeting m = {kNotANumber};  // all of it, or registers would be kept for what the last round left
     if (i < count) {
       const int slot = slot_of(i);
-      m = meet(candidates.records[slot], (uint32_t)slot, left >> kBinBits, top >> kBinBits, 0, top & (kBin - 1), kBin,
-               Patch<kWarps>::kRows);
+      meet_patch(candidates.records[slot], (uint32_t)slot, left >> kBinBits, top >> kBinBits, 0, top & (kBin - 1), kBin,
+                 Patch<kWarps>::kRows, &m);
       if (m.farthest < kInfinity) atomicMin(&patch.bound, float_bits(m.farthest));
     }
     __syncthreads();
@@ -302,13 +302,13 @@ __device__ __forceinline__ void find_touched(const Candidates& candidates) {
 // Draws what is in the list into a region of a view. empty: nothing has been drawn there yet, or what is drawn is
 // merged.
 template <Output kOutput>
-__device__ __forceinline__ void draw_region(const Frame& f, int view, Region& region, const Entry* entries,
+__device__ __forceinline__ void draw_region(const Frame& f, int view, Region& region, const PatchEntry* entries,
                                             const uint16_t* list, int count, bool empty, const Record* records) {
   if (kOutput == Output::kWrite && count == 0) {
     region.clear();
     region.store(f);
   } else if (kOutput == Output::kWrite && empty && count == 1 && entries[list[0]].alone() && region.whole(f)) {
-    region.fill(entries[list[0]]);
+    region.fill(entries[list[0]], records);
     region.store(f);
   } else {
     region.begin(f);

@@ -174,20 +174,32 @@ __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records
   }
   const unsigned touched = __ballot_sync(kAllLanes, any) & 0xff, full = __ballot_sync(kAllLanes, all) & 0xff;
   for (unsigned todo = touched; todo; todo &= todo - 1) {
-    const int tile = __ffs(todo) - 1, i = tile * kTile + (lane_id() & 7);
+    const int tile = __ffs(todo) - 1, i = tile * kTile + (lane_id() & 7), px = bin_x * kBin + i;
     const DepthNumber column = plane_column<DepthNumber>(e.plane.dzdx, i);
+    // Step by step for both halves, without branches, so that one does not wait for the other: a block's few warps have
+    // little else to do meanwhile.
+    bool inside[2];
+    int64_t packed[2];
 #pragma unroll
     for (int half = 0; half < 2; ++half) {
-      const int y = row * kTile + (lane_id() >> 3) + 4 * half, px = bin_x * kBin + i, py = bin_y * kBin + y;
+      const int y = row * kTile + (lane_id() >> 3) + 4 * half, py = bin_y * kBin + y;
       int32_t outside = 0;
-      if (!(full >> tile & 1))
-        for (int k = 0; k < 3; ++k) outside |= e.edge[k].f + i * e.edge[k].sx + y * e.edge[k].sy;
-      if (outside < 0 || px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) continue;
-      const float z =
-          e.thin() ? thin_depth(records + e.slot(), px, py)
-                   : finish_depth(plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
-      keep_nearest_shared(&pixels[y * kBin + i], pack_fragment(z, e.triangle));
+      for (int k = 0; k < 3; ++k) outside |= e.edge[k].f + i * e.edge[k].sx + y * e.edge[k].sy;
+      inside[half] = (full >> tile & 1 || outside >= 0) & (px >= f.view.x0) & (px < f.view.x1) & (py >= f.view.y0) &
+                     (py < f.view.y1);
+      const float z = finish_depth(plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
+      packed[half] = pack_fragment(z, e.triangle);
     }
+    int64_t* const pixel = pixels + (row * kTile + (lane_id() >> 3)) * kBin + i;
+    if (e.thin())
+      for (int half = 0; half < 2; ++half)
+        if (inside[half])
+          packed[half] = pack_fragment(
+              thin_depth(records + e.slot(), px, bin_y * kBin + row * kTile + (lane_id() >> 3) + 4 * half), e.triangle);
+    const bool nearer[2] = {inside[0] && packed[0] < reread(pixel[0]),
+                            inside[1] && packed[1] < reread(pixel[4 * kBin])};
+    if (nearer[0]) atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed[0]);
+    if (nearer[1]) atomicMin(reinterpret_cast<long long*>(pixel + 4 * kBin), (long long)packed[1]);
   }
 }
 

@@ -15,12 +15,12 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-#define BIGTRI_LIST(X)                                                                                               \
-  BIGTRI_BLOCKS_PARAMETER(X)                                                                                         \
-  BIGTRI_QUEUE_PARAMETER(X)                                                                                          \
-  BIGTRI_EARLY_Z_PARAMETER(X)                                                                                        \
-  X(box, "", "1: squares beyond the bounding box are rejected, which no edge may do near a corner; 0: they are not", \
-    1, 0, 1)
+#define BIGTRI_LIST(X)        \
+  BIGTRI_BLOCKS_PARAMETER(X)  \
+  BIGTRI_QUEUE_PARAMETER(X)   \
+  BIGTRI_EARLY_Z_PARAMETER(X) \
+  X(separate, "",             \
+    "1: squares beyond the bounding box are rejected, which no edge may do near a corner; 0: they are not", 1, 0, 1)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 constexpr int kThreads = 256;
@@ -37,7 +37,7 @@ struct Descent {
   int x0, y0, x1, y1;  // bbox
   int bin_x, bin_y;
   int64_t nearest;  // no fragment of the record is below
-  bool early_z, box;
+  bool early_z, separate;
 };
 
 // Of 4x4 squares, bit 4 * row + column.
@@ -54,7 +54,7 @@ __device__ __forceinline__ Squares test_squares(const Descent& d, int x, int y, 
     outside |= accepts ? lowest_over(d.edge[k], i, j, last, last) : highest_over(d.edge[k], i, j, last, last);
   if (accepts)
     outside |= (i - d.x0) | (d.x1 - 1 - i - last) | (j - d.y0) | (d.y1 - 1 - j - last);
-  else if (d.box)
+  else if (d.separate)
     outside |= (d.x1 - 1 - i) | (i + last - d.x0) | (d.y1 - 1 - j) | (j + last - d.y0);
   const unsigned inside = __ballot_sync(kAllLanes, outside >= 0);
   if (lane_id() == 0) {
@@ -126,7 +126,7 @@ __device__ __forceinline__ void descend(const Descent& d) {
 }
 
 __global__ void __launch_bounds__(kThreads)
-    descend_pairs(const __grid_constant__ Frame f, const __grid_constant__ PairQueue q, bool early_z, bool box) {
+    descend_pairs(const __grid_constant__ Frame f, const __grid_constant__ PairQueue q, bool early_z, bool separate) {
   let_next_begin();
   wait_for_previous();
   each_pair(q, [&](const Record& r, int bin_x, int bin_y) {
@@ -142,7 +142,7 @@ __global__ void __launch_bounds__(kThreads)
     d.x1 = min_of(r.x1 - left, kBin), d.y1 = min_of(r.y1 - top, kBin);
     d.bin_x = bin_x, d.bin_y = bin_y;
     d.nearest = pack_depth(r.zmin, 0);
-    d.early_z = early_z, d.box = box;
+    d.early_z = early_z, d.separate = separate;
     descend(d);
   });
 }
@@ -155,7 +155,7 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
     int blocks;
     BIGTRI_CUDA(launch_set_up(f, q, stream));
     BIGTRI_CUDA(blocks_for(descend_pairs, kThreads, 0, INT32_MAX, v.blocks, &blocks));
-    BIGTRI_CUDA(launch_next(descend_pairs, blocks, kThreads, 0, stream, f, q, v.early_z != 0, v.box != 0));
+    BIGTRI_CUDA(launch_next(descend_pairs, blocks, kThreads, 0, stream, f, q, v.early_z != 0, v.separate != 0));
   }
   return launch_depth(f, v.blocks, stream);
 }

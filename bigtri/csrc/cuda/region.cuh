@@ -60,7 +60,8 @@ struct Region {
   }
 
   // first: nothing has been drawn here yet.
-  __device__ __forceinline__ void draw(const Entry& e, bool full, bool first, const Record* records) {
+  template <class E>
+  __device__ __forceinline__ void draw(const E& e, bool full, bool first, const Record* records) {
     uint32_t covered = cut;
     const int i = lane_left() & (kBin - 1), j = lane_top() & (kBin - 1);
     if (!full) {
@@ -80,25 +81,31 @@ struct Region {
       covered &= ~outside;
     }
     if (e.thin() || e.far()) return draw_special(e, covered, records);
+    uint32_t undecided;
     if (first && e.plain())  // as most of large triangles
-      each_depth(e, [&](int n, DepthNumber z) {
-        if (covered & bit_of(n)) best[n] = pack_depth((float)z, e.triangle);
+      undecided = each_depth(e, [&](int n, float z, bool decided) {
+        if ((covered & bit_of(n)) && decided) best[n] = pack_depth(z, e.triangle);
       });
     else
-      each_depth(e, [&](int n, DepthNumber z) {
-        const int64_t packed = pack_depth(finish_depth(z, e.zmin, e.zmax), e.triangle);
-        if ((covered & bit_of(n)) && packed < best[n]) best[n] = packed;
+      undecided = each_depth(e, [&](int n, float z, bool decided) {
+        const int64_t packed = pack_depth(clamp_depth(z, e.zmin, e.zmax), e.triangle);
+        if ((covered & bit_of(n)) && decided && packed < best[n]) best[n] = packed;
       });
+    if (undecided & covered) draw_special(e, undecided & covered, records);
   }
 
   // draw() of an entry that covers all of the region, where nothing else does: begin() and clear() are not needed.
-  __device__ __forceinline__ void fill(const Entry& e) {
-    each_depth(e, [&](int n, DepthNumber z) { best[n] = pack_depth((float)z, e.triangle); });
+  template <class E>
+  __device__ __forceinline__ void fill(const E& e, const Record* records) {
+    const uint32_t undecided = each_depth(
+        e, [&](int n, float z, bool decided) { best[n] = decided ? pack_depth(z, e.triangle) : kBackground; });
+    if (undecided) draw_special(e, undecided, records);
   }
 
-  // Calls use(index in best, plane) for the lane's pixels.
+  // Calls use(index in best, plane rounded to float32, whether that is certain) for the lane's pixels. Returns bits of
+  // those of which it is not.
   template <class Use>
-  __device__ __forceinline__ void each_depth(const Entry& e, const Use& use) const {
+  __device__ __forceinline__ uint32_t each_depth(const Entry& e, const Use& use) const {
     // Sums of small integers are exact, in float32 too, and cheaper than conversions. Not computed once for all
     // entries: there are no registers to keep them in.
     const DepthNumber column = place_in_cell(computed_here(lane_left() & (kBin - 1))),
@@ -108,21 +115,49 @@ struct Region {
 #pragma unroll
     for (int row = 0; row < 4; ++row) {
       const DepthNumber start = plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, line + 4 * row);
-      use(2 * row, start + left);
-      use(2 * row + 1, start + right);
+      use(2 * row, (float)(start + left), true);
+      use(2 * row + 1, (float)(start + right), true);
     }
+    return 0;
+  }
+  template <class Use>
+  __device__ __forceinline__ uint32_t each_depth(const PairEntry& e, const Use& use) const {
+    const float column = exact_float(computed_here(lane_left() & (kBin - 1))),
+                line = exact_float(computed_here(lane_top() & (kBin - 1)));
+    uint32_t undecided = 0;
+#pragma unroll
+    for (int row = 0; row < 4; ++row) {
+      const FloatPair start = pair_at(e.z, e.dzdy, line + 4 * row);
+#pragma unroll
+      for (int side = 0; side < 2; ++side) {
+        float z;
+        const bool decided = pair_depth(start, e.dzdx, column + side, e.error, &z);
+        use(2 * row + side, z, decided);
+        undecided |= decided ? 0 : bit_of(2 * row + side);
+      }
+    }
+    return undecided;
   }
 
-  // Thin records, and those that reach beyond z = 1. Not unrolled, but for the choice of the register.
-  __device__ __forceinline__ void draw_special(const Entry& e, uint32_t covered, const Record* records) {
+  // Depth of pixel (px, py) of a record that is not thin.
+  static __device__ __forceinline__ float depth_of_pixel(const Entry& e, int px, int py, const Record*) {
+    return finish_depth(plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, py & (kBin - 1)) +
+                            plane_column<DepthNumber>(e.plane.dzdx, px & (kBin - 1)),
+                        e.zmin, e.zmax);
+  }
+  static __device__ __forceinline__ float depth_of_pixel(const PairEntry& e, int px, int py, const Record* records) {
+    return undecided_depth_of(records + e.slot(), px, py);
+  }
+
+  // Thin records, those that reach beyond z = 1, and pixels that are not decided. Not unrolled, but for the choice of the
+  // register.
+  template <class E>
+  __device__ __forceinline__ void draw_special(const E& e, uint32_t covered, const Record* records) {
 #pragma unroll 1
     for (int n = 0; n < kLanePixels; ++n) {
       if (!(covered & bit_of(n))) continue;
       const int px = lane_left() + n % 2, py = lane_top() + n / 2 * 4;
-      const float z = e.thin() ? thin_depth(records + e.slot(), px, py)
-                               : finish_depth(plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, py & (kBin - 1)) +
-                                                  plane_column<DepthNumber>(e.plane.dzdx, px & (kBin - 1)),
-                                              e.zmin, e.zmax);
+      const float z = e.thin() ? thin_depth(records + e.slot(), px, py) : depth_of_pixel(e, px, py, records);
       const int64_t packed = pack_fragment(z, e.triangle);
 #pragma unroll
       for (int m = 0; m < kLanePixels; ++m)

@@ -12,17 +12,16 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // A triangle that is drawn by rows.
-struct RowTriangle {
-  DepthNumber zcell, dzdx, dzdy;  // depth plane in the cell that the bbox begins in
+template <class Plane, class Rest>
+struct RowTriangleOf {
+  Plane plane;
   float zmin, zmax;
   uint32_t triangle;
   uint32_t corner;  // of the bbox, px: x | y << 16
   uint32_t size;    // of the bbox, px: columns | thin << 15 | rows << 16
   int32_t f[3], sx[3], sy[3];  // of each edge at the bbox's first pixel, in steps of a pixel, and the steps
-  // For depth elsewhere than in that cell, and of thin triangles; else not set.
-  float z[3];
-  int64_t value[3];  // of each edge at the cell's first pixel, subpx^2
-  Divisor area;
+  float z[3];  // of its vertices
+  Rest rest;
 
   __device__ __forceinline__ int x() const { return (int)(corner & 0xffff); }
   __device__ __forceinline__ int y() const { return (int)(corner >> 16); }
@@ -31,19 +30,45 @@ struct RowTriangle {
   __device__ __forceinline__ int rows() const { return (int)(size >> 16); }
 };
 
-// What the pixels of a row have in common.
-struct alignas(16) Row {
+// For depth elsewhere than in the cell that the bbox begins in, whose plane is at hand, and of thin triangles; else not
+// set, nor is z.
+struct EdgesInCell {
+  int64_t value[3];  // of each edge at the cell's first pixel, subpx^2
+  Divisor area;
+};
+using CellTriangle = RowTriangleOf<CellPlane, EdgesInCell>;
+// Where float64 is slow: for depth that pairs do not decide, and of thin triangles. The plane is anchored at the bbox's
+// first pixel.
+struct Corners {
+  int32_t x[3], y[3];  // subpx
+};
+using PairTriangle = RowTriangleOf<PairPlane, Corners>;
+using RowTriangle = std::conditional_t<kPairDepth, PairTriangle, CellTriangle>;
+
+// What the pixels of a row within a cell have in common.
+struct alignas(16) CellRow {
   DepthNumber z, dzdx;  // plane at the first pixel of the cell's row, and its change per px
   float zmin, zmax;
   uint32_t triangle;
   uint32_t at;  // the cell's first pixel in this row, in the image
 };
+// The same where float64 is slow, from the bbox's first pixel in this row.
+struct PairRow {
+  FloatPair z, dzdx;
+  float zmin, zmax;
+  uint32_t triangle;
+  uint32_t at;
+  float error;  // of the plane
+  int32_t owner;  // which of the triangles
+};
+using Row = std::conditional_t<kPairDepth, PairRow, CellRow>;
+using RowStart = std::conditional_t<kPairDepth, FloatPair, DepthNumber>;
 
 // Shared memory of a warp that draws rows: of 32 rows those that have pixels, one after the other.
 struct RowShared {
   int32_t begin[kWarp];  // of each triangle, its first row
   Row row[kWarp];
-  int32_t shift[kWarp];  // from the number of a pixel in the sequence to its column in the cell
+  int32_t shift[kWarp];  // from the number of a pixel in the sequence to its column, counted from the pixel `at`
 };
 
 // What is drawn by rows has no side longer than `widest` px, at most kWidestRows, and the triangle itself, of which the
@@ -55,47 +80,124 @@ __device__ __forceinline__ bool fits_rows(const Primitive& p, int widest) {
   return p.x1 - p.x0 <= widest && p.y1 - p.y0 <= widest && extent_of(p) <= kRowExtent;
 }
 
-__device__ __forceinline__ void make_row_triangle(const Primitive& p, uint32_t triangle, RowTriangle* r) {
+// Sets the triangle's plane and edges; returns what depth may need besides.
+__device__ __forceinline__ EdgesInCell set_plane(const Primitive& p, CellTriangle* r) {
   const Divisor area = divisor((double)p.area);
   const DepthGradient gradient = depth_gradient(p.x, p.y, p.z, area);
   const int left = p.x0 & -kBin, top = p.y0 & -kBin;
-  int64_t value[3];
+  EdgesInCell edges;
   DepthNumber g[3];
 #pragma unroll
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(p.x, p.y, k);
-    value[k] = edge_value(e, pixel_centre(left), pixel_centre(top));
-    g[k] = (DepthNumber)value[k];
-    r->f[k] = (int32_t)steps_of(value[k], e) - e.dy * (p.x0 - left) + e.dx * (p.y0 - top);
+    edges.value[k] = edge_value(e, pixel_centre(left), pixel_centre(top));
+    g[k] = (DepthNumber)edges.value[k];
+    r->f[k] = (int32_t)steps_of(edges.value[k], e) - e.dy * (p.x0 - left) + e.dx * (p.y0 - top);
     r->sx[k] = -e.dy;
     r->sy[k] = e.dx;
   }
-  r->zcell = weighted_depth<DepthNumber, DepthNumber, DepthNumber>(g[0], g[1], g[2], p.z[0], p.z[1], p.z[2], area);
-  r->dzdx = gradient.dzdx;
-  r->dzdy = gradient.dzdy;
+  r->plane.zcell =
+      weighted_depth<DepthNumber, DepthNumber, DepthNumber>(g[0], g[1], g[2], p.z[0], p.z[1], p.z[2], area);
+  r->plane.dzdx = gradient.dzdx;
+  r->plane.dzdy = gradient.dzdy;
+  edges.area = area;
+  return edges;
+}
+__device__ __forceinline__ Corners set_plane(const Primitive& p, PairTriangle* r) {
+  Corners corners;
+  r->plane = pair_plane(p.x, p.y, p.z, p.area, p.x0, p.y0);
+#pragma unroll
+  for (int k = 0; k < 3; ++k) {
+    const Edge e = edge_of(p.x, p.y, k);
+    r->f[k] = (int32_t)edge_steps(e, p.x0, p.y0);
+    r->sx[k] = -e.dy;
+    r->sy[k] = e.dx;
+    corners.x[k] = p.x[k];
+    corners.y[k] = p.y[k];
+  }
+  return corners;
+}
+
+// Keeps that where depth may need it.
+__device__ __forceinline__ void keep_rest(const Primitive& p, bool thin, const EdgesInCell& edges, CellTriangle* r) {
+  const int left = p.x0 & -kBin, top = p.y0 & -kBin;
+  if (thin || p.x1 - left > kBin || p.y1 - top > kBin) {
+    for (int k = 0; k < 3; ++k) {
+      r->z[k] = p.z[k];
+      r->rest.value[k] = edges.value[k];
+    }
+    r->rest.area = edges.area;
+  }
+}
+__device__ __forceinline__ void keep_rest(const Primitive& p, bool, const Corners& corners, PairTriangle* r) {
+  for (int k = 0; k < 3; ++k) r->z[k] = p.z[k];
+  r->rest = corners;
+}
+
+__device__ __forceinline__ void make_row_triangle(const Primitive& p, uint32_t triangle, RowTriangle* r) {
+  const auto rest = set_plane(p, r);
   r->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
   r->zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
   r->triangle = triangle;
   r->corner = (uint32_t)p.x0 | (uint32_t)p.y0 << 16;
   const bool thin = is_thin(p);
   r->size = (uint32_t)(p.x1 - p.x0) | (thin ? 0x8000u : 0) | (uint32_t)(p.y1 - p.y0) << 16;
-  if (thin || p.x1 - left > kBin || p.y1 - top > kBin) {
-    for (int k = 0; k < 3; ++k) {
-      r->z[k] = p.z[k];
-      r->value[k] = value[k];
-    }
-    r->area = area;
-  }
+  keep_rest(p, thin, rest, r);
 }
 
 // depth_at() so many px to the right of the cell's first pixel, and below it: zcell of other cells, and the depth of
 // thin triangles. Edge values are exact until they become a DepthNumber, so it is rounded where depth_at() rounds.
-__device__ __forceinline__ DepthNumber depth_beside(const RowTriangle& r, int right, int below) {
+__device__ __forceinline__ DepthNumber depth_beside(const CellTriangle& r, int right, int below) {
   DepthNumber g[3];
 #pragma unroll
   for (int k = 0; k < 3; ++k)
-    g[k] = (DepthNumber)(r.value[k] + (int64_t)(kSubpixel * right) * r.sx[k] + (int64_t)(kSubpixel * below) * r.sy[k]);
-  return weighted_depth<DepthNumber, DepthNumber, DepthNumber>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], r.area);
+    g[k] = (DepthNumber)(r.rest.value[k] + (int64_t)(kSubpixel * right) * r.sx[k] +
+                         (int64_t)(kSubpixel * below) * r.sy[k]);
+  return weighted_depth<DepthNumber, DepthNumber, DepthNumber>(g[0], g[1], g[2], r.z[0], r.z[1], r.z[2], r.rest.area);
+}
+__device__ __forceinline__ DepthNumber depth_beside(const PairTriangle& r, int right, int below) {
+  const Divisor area = divisor((double)twice_area(r.rest.x, r.rest.y));
+  return depth_at(r.rest.x, r.rest.y, r.z, area, (r.x() & -kBin) + right, (r.y() & -kBin) + below);
+}
+
+// The column that a row's pixels are counted from, px. left: of the row's cell.
+__device__ __forceinline__ int column_of(const CellTriangle&, int left) { return left; }
+__device__ __forceinline__ int column_of(const PairTriangle& r, int) { return r.x(); }
+
+// The plane there, in row y of the image and the right-th cell of that row.
+__device__ __forceinline__ DepthNumber row_start(const CellTriangle& r, int y, int right) {
+  const int below = y - (r.y() & -kBin);
+  const DepthNumber zcell = (right | (below & -kBin)) ? depth_beside(r, right * kBin, below & -kBin) : r.plane.zcell;
+  return plane_row<DepthNumber>(zcell, r.plane.dzdy, place_in_cell(y & (kBin - 1)));
+}
+__device__ __forceinline__ FloatPair row_start(const PairTriangle& r, int y, int) {
+  return pair_at(r.plane.z, r.plane.dzdy, exact_float(y - r.y()));
+}
+
+__device__ __forceinline__ CellRow make_row(const CellTriangle& r, DepthNumber z, uint32_t at, int) {
+  return {z, r.plane.dzdx, r.zmin, r.zmax, r.triangle, at};
+}
+__device__ __forceinline__ PairRow make_row(const PairTriangle& r, FloatPair z, uint32_t at, int owner) {
+  return {z, r.plane.dzdx, r.zmin, r.zmax, r.triangle, at, r.plane.error, owner};
+}
+
+// Depth of a covered pixel of the image that pairs do not decide. A call, so that its registers cost the others nothing.
+template <class Triangle>
+__device__ __noinline__ float undecided_depth(const Triangle* r, int width, uint32_t at) {
+  const int y = (int)(at / (uint32_t)width);
+  return plane_depth(r->rest.x, r->rest.y, r->z, twice_area(r->rest.x, r->rest.y), (int)at - y * width, y);
+}
+
+// Depth of a row's pixel i, counted from the one `at`; used: whether anybody asks for it.
+__device__ __forceinline__ float depth_in_row(const CellRow& row, int i, bool, int, const CellTriangle*) {
+  return finish_depth(row.z + plane_column<DepthNumber>(row.dzdx, place_in_cell(i)), row.zmin, row.zmax);
+}
+__device__ __forceinline__ float depth_in_row(const PairRow& row, int i, bool used, int width,
+                                              const PairTriangle* triangles) {
+  float plane;
+  if (!pair_depth(row.z, row.dzdx, exact_float(i), row.error, &plane) && used)
+    plane = undecided_depth(triangles + row.owner, width, row.at + (uint32_t)i);
+  return clamp_depth(plane, row.zmin, row.zmax);
 }
 
 // `count` pixels of a row of a thin triangle, by its lane alone: there are few. first: in the frame; right, below: of
@@ -138,8 +240,9 @@ __device__ __forceinline__ void cut_row(int32_t f, int32_t step, RowSpan* span) 
 // Draws pixels first, first + 1, ... of the `count` pixels of the rows in s->row, of which each lane in `have` has one,
 // beginning at pixel `begin`: kGroups for each lane, so that one does not wait for the other. By all lanes.
 template <int kGroups>
-__device__ __forceinline__ void draw_pixels(int64_t* pixels, int first, int count, int begin, bool have, int lane,
-                                            unsigned lanes_to_here, const RowShared* s) {
+__device__ __forceinline__ void draw_pixels(int64_t* pixels, int width, const RowTriangle* triangles, int first,
+                                            int count, int begin, bool have, int lane, unsigned lanes_to_here,
+                                            const RowShared* s) {
   int owner[kGroups];
 #pragma unroll
   for (int g = 0; g < kGroups; ++g) owner[g] = interval_at(first + g * kWarp, begin, have, lanes_to_here);
@@ -151,8 +254,7 @@ __device__ __forceinline__ void draw_pixels(int64_t* pixels, int first, int coun
     const int n = first + g * kWarp + lane;
     const Row row = s->row[owner[g]];
     const int i = n + s->shift[owner[g]];
-    const DepthNumber z = row.z + plane_column<DepthNumber>(row.dzdx, place_in_cell(i));
-    const float depth = finish_depth(z, row.zmin, row.zmax);
+    const float depth = depth_in_row(row, i, n < count, width, triangles);
     seen[g] = n < count && depth <= 1.0f;
     packed[g] = pack_depth(depth, row.triangle);
     at[g] = row.at + (uint32_t)i;
@@ -188,7 +290,7 @@ __device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTr
   for (; first < total; first += step) {
     const int owner = interval_at(first, begin, have, lanes_to_here);
     RowSpan span = {0, 0};
-    DepthNumber z = 0;  // Row::z
+    RowStart z = {};  // Row::z
     uint32_t at = 0;  // Row::at
     int shift = 0;
     int below = 0;  // of the row, px from the first cell's top
@@ -202,10 +304,10 @@ __device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTr
 #pragma unroll
       for (int k = 0; k < 3; ++k) cut_row(r.f[k] + r.sy[k] * down, r.sx[k], &span);
       below = y - (r.y() & -kBin);
-      const DepthNumber zcell = (right | (below & -kBin)) ? depth_beside(r, right * kBin, below & -kBin) : r.zcell;
-      z = plane_row<DepthNumber>(zcell, r.dzdy, place_in_cell(y & (kBin - 1)));
-      at = (uint32_t)(y * width + left);
-      shift = span.lower + x - left;
+      z = row_start(r, y, right);
+      const int column = column_of(r, left);
+      at = (uint32_t)(y * width + column);
+      shift = span.lower + x - column;
       thin = r.thin() && span.lower < span.upper;
     }
     const int length = thin ? 0 : max_of(span.upper - span.lower, 0), sum = warp_sum_up_to(length),
@@ -214,7 +316,7 @@ __device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTr
     const unsigned filled = __ballot_sync(kAllLanes, any);
     if (any) {
       const int number = __popc(filled & lanes_to_here) - 1;
-      s->row[number] = {z, r.dzdx, r.zmin, r.zmax, r.triangle, at};
+      s->row[number] = make_row(r, z, at, owner);
       s->shift[number] = shift - pixel;
     }
     __syncwarp();
@@ -226,8 +328,9 @@ __device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTr
     int drawn = 0;
 #pragma unroll 1
     for (; drawn + kWarp < pixel_count; drawn += 2 * kWarp)
-      draw_pixels<2>(pixels, drawn, pixel_count, pixel, any, lane, lanes_to_here, s);
-    if (drawn < pixel_count) draw_pixels<1>(pixels, drawn, pixel_count, pixel, any, lane, lanes_to_here, s);
+      draw_pixels<2>(pixels, width, triangles, drawn, pixel_count, pixel, any, lane, lanes_to_here, s);
+    if (drawn < pixel_count)
+      draw_pixels<1>(pixels, width, triangles, drawn, pixel_count, pixel, any, lane, lanes_to_here, s);
     __syncwarp();
   }
   return total;

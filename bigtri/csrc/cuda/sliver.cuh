@@ -32,26 +32,41 @@ __host__ __device__ inline int sliver_chunks(const Viewport& v) {
 // Where line n of a chunk crosses an edge: first + next * n, in pixels across, counted so that rounding up gives the
 // first pixel inside where lines enter there, and minus the last one where they leave. Minus infinity, which bounds
 // nothing, where that would not be exact. In float64 whatever depth is computed in, since it decides coverage.
+//
+// Where float64 is slow, numbers of 2^-40 in 64 bits.
+using CrossingNumber = std::conditional_t<kSlowFloat64, int64_t, double>;
+__device__ __forceinline__ int rounded_up(double first, double next, int n) {
+  return __double2int_ru(__fma_rn(next, (double)n, first));
+}
+__device__ __forceinline__ int rounded_up(int64_t first, int64_t next, int n) {
+  return (int)((first + next * n + (int64_t{1} << 40) - 1) >> 40);
+}
 struct Crossing {
-  double first, next;
+  CrossingNumber first, next;
   bool enters, exact;
 
-  __device__ __forceinline__ int rounded(int n) const { return __double2int_ru(__fma_rn(next, (double)n, first)); }
+  __device__ __forceinline__ int rounded(int n) const { return rounded_up(first, next, n); }
 };
+// Beyond 2^22 px a line crosses nowhere in the bbox, whichever of the chunk's it is: from the first to the last, it moves
+// by less than 2^21.
+__device__ __forceinline__ CrossingNumber crossing_number(double v) {
+  if constexpr (kSlowFloat64) return (CrossingNumber)(min_of(max_of(v, -4194304.0), 4194304.0) * 1099511627776.0);
+  return (CrossingNumber)v;
+}
 
 // f: the edge at the first pixel of the first line. A quotient of integers with a denominator below 2^24 is an integer
 // or more than 2^-24 away from one. Where a line's crossing changes by no more than kSteepest from line to line, all
 // that is rounded here is below 2^-31 together, for crossings that can matter: less than the slack, which is less than
-// the distance.
+// the distance. In units of 2^-40, up to kSliverChunk of them are cut off besides: 2^-28.
 __device__ __forceinline__ Crossing crossing_of(int64_t f, int32_t step, int32_t to_next) {
   constexpr double kSlack = 1.0 / (1 << 25);
   constexpr int kSteepest = 256;
-  Crossing c = {-(double)kInfinity, 0.0, step > 0,
+  Crossing c = {crossing_number(-(double)kInfinity), 0, step > 0,
                 step != 0 && (int64_t)absolute(step) * kSteepest >= absolute(to_next)};
   const double inverse = __drcp_rn((double)absolute(step));
   if (c.exact) {
-    c.first = -(double)f * inverse - kSlack;
-    c.next = -(double)to_next * inverse;
+    c.first = crossing_number(-(double)f * inverse - kSlack);
+    c.next = crossing_number(-(double)to_next * inverse);
   }
   return c;
 }
@@ -79,7 +94,11 @@ inline cudaError_t sliver_bands(const Frame& f, int64_t cache, int* bands) {
 
 // Shared memory of a block: a sliver, where a chunk's lines cross its edges, and the planes of the cells that it meets,
 // by their anchors.
-struct SliverShared {
+struct NoLines {};
+struct SliverLineShared {
+  PairLines common;  // to the planes of lines, instead of those of cells
+};
+struct SliverShared : std::conditional_t<kPairDepth, SliverLineShared, NoLines> {
   Record record;
   Lines part;  // to be drawn
   Crossing crossing[3];
@@ -181,6 +200,49 @@ struct SliverLines {
     __syncthreads();
   }
 
+  // What the lines' planes have in common, where float64 is slow. Shared is SliverShared. By all threads; ends with a
+  // barrier.
+  template <class Shared>
+  __device__ __forceinline__ void prepare_lines(Shared* shared) const {
+    if (threadIdx.x == 0) shared->common = pair_lines(r.x, r.y, r.z, twice_area(r.x, r.y), kColumns);
+    __syncthreads();
+  }
+
+  // The twin of draw() in pairs. A line's plane is anchored at its first pixel, which is covered.
+  template <class Shared>
+  __device__ __forceinline__ uint32_t draw_by_pairs(const Frame& f, const Shared* shared) const {
+    const bool exact = !is_thin(r) && crossing[0].exact && crossing[1].exact && crossing[2].exact;
+    const PairLines& common = shared->common;
+    int64_t* const packed = pixels_of(f, r.view);
+    uint32_t odd = 0;
+#pragma unroll 1
+    for (int base = 0, turn = 0; base < lines; base += blockDim.x, ++turn) {
+      const int n = min_of(base + (int)threadIdx.x, lines - 1), line = begin + n;
+      int from, last;
+      span(n, &from, &last);
+      from += low;
+      last = base + (int)threadIdx.x < lines ? last + low : -1;
+      if (from <= last && !exact) {
+        odd |= 1u << turn;
+        last = -1;
+      }
+      FloatPair start = {0.0f, 0.0f};
+      if (from <= last)
+        start = pair_line_start(common, r.x, r.y, r.z[0], kColumns ? line : from, kColumns ? from : line);
+      const float error = common.fixed + common.per_px * (float)(last - from);
+#pragma unroll 1
+      for (int m = from; m <= last; ++m) {
+        const int px = kColumns ? line : m, py = kColumns ? m : line;
+        float z;
+        if (!pair_depth(start, common.step, exact_float(m - from), error, &z)) z = undecided_depth_of(&r, px, py);
+        keep_nearest(packed + (uint32_t)(py * f.view.width + px),
+                     pack_fragment(clamp_depth(z, r.zmin, r.zmax), r.triangle), false);
+      }
+      __syncwarp();
+    }
+    return odd;
+  }
+
   // Draws each line by a thread, its pixels where two quotients say. Returns which of the thread's lines are odd and
   // still to be drawn, a bit each.
   __device__ __forceinline__ uint32_t draw(const Frame& f) const {
@@ -240,9 +302,16 @@ __device__ __noinline__ void draw_sliver(const Frame& f, SliverShared* s) {
   SliverLines<kColumns> lines(s);
   if (lines.lines <= 0) return;
   lines.find_crossings();
-  lines.prepare_cells();
-  wait_for_previous();  // its pixels
-  const uint32_t odd = lines.draw(f);
+  uint32_t odd;
+  if constexpr (kPairDepth) {
+    lines.prepare_lines(s);
+    wait_for_previous();  // its pixels
+    odd = lines.draw_by_pairs(f, s);
+  } else {
+    lines.prepare_cells();
+    wait_for_previous();
+    odd = lines.draw(f);
+  }
   lines.draw_odd(f, odd);
 }
 

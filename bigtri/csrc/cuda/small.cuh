@@ -15,17 +15,29 @@ constexpr int kSmallExtent = 32 * kSubpixel;  // of the triangle itself, of whic
 
 // Shared memory of a warp. What a lane's triangle is, and the covered pixels of all of them: lane << 6 | y << 3 | x
 // from the corner of the lane's box.
+struct alignas(16) CellBox {
+  // Of the cell that the corner lies in, and of those to the right, below, and both, as far as the box reaches there.
+  DepthNumber zcell[4];
+  DepthNumber dzdx, dzdy;
+  float zmin, zmax;
+  uint32_t triangle;
+  uint32_t in_cell;  // the corner's x and y << 16 in its cell, px
+  int64_t* corner;  // pixel of the frame
+};
+// The same where float64 is slow: the plane from the box's corner, and the triangle for depth that it does not decide.
+struct PairBox {
+  PairPlane plane;
+  float zmin, zmax;
+  uint32_t triangle;
+  uint32_t in_cell;
+  int64_t* corner;
+  int16_t x[3], y[3];  // from the corner pixel's corner, subpx
+  float z[3];
+};
+static_assert(2 * kSmallExtent < 1 << 15 && kSmallExtent + kBoxSide * kSubpixel < 1 << 15, "so that 16 bits hold them");
+
 struct SmallShared {
-  struct alignas(16) Box {
-    // Of the cell that the corner lies in, and of those to the right, below, and both, as far as the box reaches
-    // there.
-    DepthNumber zcell[4];
-    DepthNumber dzdx, dzdy;
-    float zmin, zmax;
-    uint32_t triangle;
-    uint32_t in_cell;  // the corner's x and y << 16 in its cell, px
-    int64_t* corner;  // pixel of the frame
-  };
+  using Box = std::conditional_t<kPairDepth, PairBox, CellBox>;
   // Those of a quarter of the lanes find room, and mostly those of all. More memory would take L1 from the vertices.
   static constexpr int kMostPixels = 5 * kWarp / 16 * kBoxSide * kBoxSide;
 
@@ -74,24 +86,45 @@ __device__ __forceinline__ uint32_t rows_coverage(RowEdge edge[3]) {
   return __byte_perm(__byte_perm(row[0], row[1], 0x0040), __byte_perm(row[2], row[3], 0x0040), 0x5410);
 }
 
-// Notes what a lane's triangle is, and finds which pixels of its box it covers; upper, lower: four rows each, a byte a
-// row.
-__device__ __forceinline__ void find_pixels(int64_t* pixels, int width, const Primitive& p, uint32_t triangle,
-                                            SmallShared::Box* mine, uint32_t* upper, uint32_t* lower) {
+// What find_pixels notes for depth, first and last; i, j: the corner's place in its cell, px.
+__device__ __forceinline__ Divisor set_plane(const Primitive& p, CellBox* mine) {
   const Divisor area = divisor((double)p.area);
   const DepthGradient g = depth_gradient(p.x, p.y, p.z, area);
   mine->dzdx = g.dzdx;
   mine->dzdy = g.dzdy;
+  return area;
+}
+__device__ __forceinline__ void set_anchors(const Primitive& p, const Divisor& area, int i, int j, CellBox* mine) {
+#pragma unroll 1
+  for (int cell = 0; cell < 4; ++cell)
+    if ((cell == 0) | ((cell & 1) <= (i + p.x1 - p.x0 > kBin) & (cell >> 1) <= (j + p.y1 - p.y0 > kBin)))
+      mine->zcell[cell] = depth_at(p.x, p.y, p.z, area, p.x0 - i + (cell & 1) * kBin, p.y0 - j + (cell >> 1) * kBin);
+}
+struct NoAnchors {};  // the plane's is enough
+__device__ __forceinline__ NoAnchors set_plane(const Primitive& p, PairBox* mine) {
+  mine->plane = pair_plane(p.x, p.y, p.z, p.area, p.x0, p.y0);
+#pragma unroll
+  for (int k = 0; k < 3; ++k) {
+    mine->x[k] = (int16_t)(p.x[k] - p.x0 * kSubpixel);
+    mine->y[k] = (int16_t)(p.y[k] - p.y0 * kSubpixel);
+    mine->z[k] = p.z[k];
+  }
+  return {};
+}
+__device__ __forceinline__ void set_anchors(const Primitive&, NoAnchors, int, int, PairBox*) {}
+
+// Notes what a lane's triangle is, and finds which pixels of its box it covers; upper, lower: four rows each, a byte a
+// row.
+__device__ __forceinline__ void find_pixels(int64_t* pixels, int width, const Primitive& p, uint32_t triangle,
+                                            SmallShared::Box* mine, uint32_t* upper, uint32_t* lower) {
+  const auto area = set_plane(p, mine);
   mine->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
   mine->zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
   mine->triangle = triangle;
   mine->corner = pixels + (uint32_t)(p.y0 * width + p.x0);  // an image has at most 2^28 pixels
   const int i = p.x0 & (kBin - 1), j = p.y0 & (kBin - 1);
   mine->in_cell = (uint32_t)i | (uint32_t)j << 16;
-#pragma unroll 1
-  for (int cell = 0; cell < 4; ++cell)
-    if ((cell == 0) | ((cell & 1) <= (i + p.x1 - p.x0 > kBin) & (cell >> 1) <= (j + p.y1 - p.y0 > kBin)))
-      mine->zcell[cell] = depth_at(p.x, p.y, p.z, area, p.x0 - i + (cell & 1) * kBin, p.y0 - j + (cell >> 1) * kBin);
+  set_anchors(p, area, i, j, mine);
   RowEdge edge[3];
   for (int k = 0; k < 3; ++k) {
     const Edge e = edge_of(p.x, p.y, k);
@@ -116,16 +149,42 @@ __device__ __forceinline__ void list_pixels(uint32_t upper, uint32_t lower, int 
   }
 }
 
+// Depth of the box's pixel (x, y).
+__device__ __forceinline__ float depth_in_box(const CellBox& box, uint32_t x, uint32_t y) {
+  const uint32_t at = box.in_cell + (x | y << 16);
+  const DepthNumber zcell = box.zcell[(at >> kBinBits & 1) | (at >> (kBinBits + 15) & 2)];
+  const DepthNumber z = plane_row<DepthNumber>(zcell, box.dzdy, place_in_cell((int)(at >> 16 & (kBin - 1)))) +
+                        plane_column<DepthNumber>(box.dzdx, place_in_cell((int)(at & (kBin - 1))));
+  return finish_depth(z, box.zmin, box.zmax);
+}
+
+// The same where pairs do not decide, not clamped. All is counted from the corner of the cell that the box begins in. A
+// call, so that its registers cost the others nothing.
+template <class Box>
+__device__ __noinline__ float undecided_depth(const Box* box, uint32_t x, uint32_t y) {
+  const int i = (int)(box->in_cell & 0xffff), j = (int)(box->in_cell >> 16);
+  int32_t px[3], py[3];
+  for (int k = 0; k < 3; ++k) {
+    px[k] = box->x[k] + i * kSubpixel;
+    py[k] = box->y[k] + j * kSubpixel;
+  }
+  return plane_depth(px, py, box->z, twice_area(px, py), i + (int)x, j + (int)y);
+}
+__device__ __forceinline__ float depth_in_box(const PairBox& box, uint32_t x, uint32_t y) {
+  const FloatPair row = pair_at(box.plane.z, box.plane.dzdy, exact_float((int)y));
+  float plane;
+  if (!pair_depth(row, box.plane.dzdx, exact_float((int)x), box.plane.error, &plane))
+    plane = undecided_depth(&box, x, y);
+  return clamp_depth(plane, box.zmin, box.zmax);
+}
+
 // Draws the pixels listed, a lane one at a time.
 __device__ __forceinline__ void draw_listed(int width, int count, int lane, const SmallShared* s) {
   for (int i = lane; i < count; i += kWarp) {
     const int pixel = s->pixels[i];
     const SmallShared::Box& box = s->box[pixel >> 6];
-    const uint32_t x = pixel & 7, y = pixel >> 3 & 7, at = box.in_cell + (x | y << 16);
-    const DepthNumber zcell = box.zcell[(at >> kBinBits & 1) | (at >> (kBinBits + 15) & 2)];
-    const DepthNumber z = plane_row<DepthNumber>(zcell, box.dzdy, place_in_cell((int)(at >> 16 & (kBin - 1)))) +
-                          plane_column<DepthNumber>(box.dzdx, place_in_cell((int)(at & (kBin - 1))));
-    const int64_t packed = pack_depth(finish_depth(z, box.zmin, box.zmax), box.triangle);
+    const uint32_t x = pixel & 7, y = pixel >> 3 & 7;
+    const int64_t packed = pack_depth(depth_in_box(box, x, y), box.triangle);
     keep_nearest(box.corner + (y * (uint32_t)width + x), packed, false);
   }
 }

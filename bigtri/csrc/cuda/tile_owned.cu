@@ -19,7 +19,7 @@ constexpr int64_t kTileSizes[] = {16, 32, 64, -1};
   BIGTRI_BLOCKS_PARAMETER(X)  \
   BIGTRI_QUEUE_PARAMETER(X)   \
   BIGTRI_EARLY_Z_PARAMETER(X) \
-  X(tile, "px", "of the tiles by which entries are grouped", 32, 16, 64, kTileSizes)
+  X(tile, "px", "of the tiles by which entries are grouped", 16, 16, 64, kTileSizes)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 constexpr int kThreads = 256, kWarps = kThreads / kWarp;

@@ -52,29 +52,33 @@ __device__ __forceinline__ void queue_tiles(const Frame& f, const Record& r, con
 // A tile's queue onto the frame, where the block owns it. By all lanes of a warp.
 __device__ __forceinline__ void draw_tile(const Frame& f, const Record* records, const Shared& s, int tile, int left,
                                           int top) {
-  const int x = tile % kRow * kTile, y = tile / kRow * kTile, i = x % kBin + (lane_id() & 7);
-  const int px = left + x + (lane_id() & 7);
+  const int x = tile % kRow * kTile + (lane_id() & 7), y = tile / kRow * kTile + (lane_id() >> 3);  // and 4 px below
+  const int px = left + x, py = top + y, i = x % kBin, j = y % kBin;
+  int64_t* const pixel = f.packed + (int64_t)py * f.view.width + px;
+  const int64_t below = 4 * (int64_t)f.view.width;
+  const bool column = px >= f.view.x0 && px < f.view.x1;
+  const bool allowed[2] = {column && py >= f.view.y0 && py < f.view.y1,
+                           column && py + 4 >= f.view.y0 && py + 4 < f.view.y1};
+  // What is there is compared last, so that nothing waits for it.
+  const int64_t there[2] = {allowed[0] ? pixel[0] : kBackground, allowed[1] ? pixel[below] : kBackground};
+  int64_t best[2] = {kBackground, kBackground};
+  for (int k = 0; k < s.sizes[tile]; ++k) {
+    const Entry& e = s.entries[s.queues[tile][k]];
 #pragma unroll
-  for (int half = 0; half < 2; ++half) {
-    const int j = y % kBin + (lane_id() >> 3) + 4 * half, py = top + y + (lane_id() >> 3) + 4 * half;
-    if (px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) continue;
-    int64_t* const pixel = f.packed + (int64_t)py * f.view.width + px;
-    int64_t best = *pixel;
-    for (int k = 0; k < s.sizes[tile]; ++k) {
-      const Entry& e = s.entries[s.queues[tile][k]];
+    for (int half = 0; half < 2; ++half) {
       int32_t outside = 0;
-      for (int m = 0; m < 3; ++m) outside |= e.edge[m].f + i * e.edge[m].sx + j * e.edge[m].sy;
-      if (outside < 0) continue;
+      for (int m = 0; m < 3; ++m) outside |= e.edge[m].f + i * e.edge[m].sx + (j + 4 * half) * e.edge[m].sy;
+      if (outside < 0 || !allowed[half]) continue;
       count_work(f, Counter::fragments, 1);
-      const float z =
-          e.thin()
-              ? thin_depth(records + e.slot(), px, py)
-              : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j) + plane_column<double>(e.plane.dzdx, i),
-                             e.zmin, e.zmax);
-      best = min_of(best, pack_fragment(z, e.triangle));
+      const float z = e.thin() ? thin_depth(records + e.slot(), px, py + 4 * half)
+                               : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j + 4 * half) +
+                                                  plane_column<double>(e.plane.dzdx, i),
+                                              e.zmin, e.zmax);
+      best[half] = min_of(best[half], pack_fragment(z, e.triangle));
     }
-    *pixel = best;
   }
+  if (best[0] < there[0]) pixel[0] = best[0];
+  if (best[1] < there[1]) pixel[below] = best[1];
 }
 
 __global__ void __launch_bounds__(kThreads)

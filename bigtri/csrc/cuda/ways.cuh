@@ -64,12 +64,16 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
   return each;
 }
 
-// Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones, and
-// where an image has many pixels, what waits for blocks that own them takes long to begin.
+// Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones. Nor do
+// the blocks of a few triangles, where most of the device has nothing to do. Where an image has many pixels, what waits
+// for blocks that own them takes long to begin.
+constexpr int64_t kFewTriangles = 256;
 inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
+  const int64_t pixels = (int64_t)f.view.width * f.view.height;
   if (way == Way::kApart || way == Way::kTested || pixels_each(f) > kLargePixels) return 64;
-  return (int64_t)f.view.width * f.view.height > (1 << 22) ? 256 : 192;
+  if (triangles_of_all(f) <= kFewTriangles && pixels <= 1 << 19) return 96;
+  return pixels > (1 << 22) ? 256 : 192;
 }
 
 // Shares triangles among blocks. each: triangles of a block as the caller wants, or 0. ranges: memory for the views'

@@ -3,6 +3,7 @@
 
 #include <tuple>
 
+#include "../cpu/workspace.h"
 #include "rasterize_checks.h"
 #include "registry.h"
 
@@ -58,6 +59,10 @@ bool has_isa(std::string name) {
   return find_isa(name, &isa);
 }
 
+int64_t workspace_bytes_op() { return kept_workspace_bytes(); }
+
+void release_workspaces_op() { release_workspaces(); }
+
 std::string isa() { return name_of(current_isa()); }
 
 void set_isa(std::string name) {
@@ -92,6 +97,8 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
   m.def("isa() -> str");
   m.def("set_isa(str name) -> ()");
   m.def("thread_load(int threads) -> (int longest, int all)");
+  m.def("workspace_bytes() -> int");
+  m.def("release_workspaces() -> ()");
   m.def("rungs() -> str");
   m.def("variants(str precision) -> str");
   m.def("counters() -> str");
@@ -140,6 +147,8 @@ STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
   m.impl("isa", TORCH_BOX(&bigtri::isa));
   m.impl("set_isa", TORCH_BOX(&bigtri::set_isa));
   m.impl("thread_load", TORCH_BOX(&bigtri::thread_load_op));
+  m.impl("workspace_bytes", TORCH_BOX(&bigtri::workspace_bytes_op));
+  m.impl("release_workspaces", TORCH_BOX(&bigtri::release_workspaces_op));
   m.impl("rungs", TORCH_BOX(&bigtri::rungs_op));
   m.impl("variants", TORCH_BOX(&bigtri::variants_op));
   m.impl("counters", TORCH_BOX(&bigtri::counters_op));
