@@ -4,7 +4,8 @@ With a torch built for CUDA and a CUDA toolkit (CUDA_HOME, or nvcc on the PATH) 
 beside it; no GPU has to be there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 insists on them. TORCH_CUDA_ARCH_LIST says for
 which architectures ("7.5;9.0;12.0+PTX"); by default for the GPUs of this machine, or for all of these where there is none.
 
-BIGTRI_LADDER=1 builds the rungs that are there to show what accuracy costs too (docs/accuracy.md).
+BIGTRI_LADDER=1 builds the rungs that are there to show what accuracy costs too (docs/accuracy.md). BIGTRI_CUDA_COUNTING=1
+compiles the published designs on CUDA a second time, with counters of their work (docs/variants.md).
 """
 
 import os
@@ -131,6 +132,14 @@ def cpu_sources() -> list[str]:
     return files
 
 
+def with_cuda_counting() -> bool:
+    """Whether to compile CUDA variants a second time, with counters of their work."""
+    wanted = os.environ.get("BIGTRI_CUDA_COUNTING", "0")
+    if wanted not in ("0", "1"):
+        raise SystemExit(f"BIGTRI_CUDA_COUNTING must be 0 or 1, got {wanted!r}")
+    return wanted == "1"
+
+
 def cuda_sources() -> list[str]:
     variants = variants_of("cuda")
     files = sorted(CSRC.glob("cuda/*.cu"))
@@ -143,6 +152,10 @@ def cuda_sources() -> list[str]:
         else:
             own = [f for f in each if f.stem not in elsewhere]
         found += [per_rung(f, rung) for f in own]
+    if with_cuda_counting():
+        text = (CSRC / "cuda/variants.h").read_text()
+        counted = re.findall(r"\bX\((\w+)\)", re.search(r"#define BIGTRI_CUDA_COUNTED\(X\)((?:.*\\\n)*.*)", text)[1])
+        found += [per_rung(f, RUNGS[0], counting=True) for f in each if f.stem in (*counted, "clear", "variants")]
     return found
 
 
@@ -164,7 +177,8 @@ def extensions() -> list[CppExtension]:
         if not torch.cuda.is_available():
             os.environ.setdefault("TORCH_CUDA_ARCH_LIST", known_architectures())
         flags += ["-DUSE_CUDA"]  # torch's stable header then declares its CUDA functions
-        each = {"cxx": flags, "nvcc": CUDA_FLAGS + ladder}
+        optional = ladder + ["-DBIGTRI_WITH_CUDA_COUNTING"] * with_cuda_counting()
+        each = {"cxx": flags, "nvcc": CUDA_FLAGS + optional}
         found += [CUDAExtension("bigtri._cuda", cuda_sources(), extra_compile_args=each, **common)]
     return found
 

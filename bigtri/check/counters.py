@@ -26,6 +26,7 @@ def count(
     *,
     variant: str,
     backend: str = "auto",
+    device: str = "cpu",
     precision: str | Precision = DEFAULT,
     cull: str = "none",
     scissor: Scissor | None = None,
@@ -40,16 +41,22 @@ def count(
         positions, triangles, resolution, cull, scissor, precision: as for ``rasterize``; on the CPU.
         variant: one of ``bigtri.native.VARIANTS["cpu"]``.
         backend: "native" draws with the build that counts, "reference" works the numbers out from the stages; "auto".
-
+        device: where the native backend draws: "cpu", or "cuda", if it was built with ``BIGTRI_CUDA_COUNTING=1``. There the
+            published designs count some of their work (docs/variants.md).
         parameters: values of the variant's parameters by name, instead of the standard ones.
 
     Raises:
         TypeError, ValueError: an argument of another dtype, shape or value; the text names it.
-        RuntimeError: an index in ``triangles`` is out of range; the rung's work is not counted.
+        RuntimeError: an index in ``triangles`` is out of range; the rung's work is not counted; there is no CUDA device, or
+            none that counts.
     """
     op = "count"
     chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "variant", variant, tuple(MODELS))
+    arguments.check_choice(op, "device", device, ("cpu", "cuda"))
+    on_cuda = chosen == "native" and device == "cuda"
+    if on_cuda and "cuda" not in native.devices():
+        raise RuntimeError("bigtri.count: device='cuda' needs a CUDA device, and the extension built for CUDA")
+    arguments.check_choice(op, "variant", variant, native.VARIANTS["cuda"] if on_cuda else tuple(MODELS))
     arithmetic = arguments.check_precision(op, precision)
     arguments.check_choice(op, "cull", cull, CULLS)
     height, width = arguments.check_image_size(op, "resolution", resolution)
@@ -69,13 +76,15 @@ def count(
             for name, n in MODELS[variant].count(Job(*mesh, records, height, width, arithmetic, values)).items():
                 total[name] = max(total.get(name, 0), n) if name in LARGEST else total.get(name, 0) + n
         return {name: n for name, n in total.items() if n}
-    arguments.check_compiled(op, arithmetic, "cpu")
-    arguments.check_choice(op, "variant", variant, tuple(native.REGISTRY["cpu"][arithmetic.name]))
-    counters = torch.zeros(len(native.COUNTERS), dtype=torch.int64)
-    chosen_values = native.parameter_values(op, native.REGISTRY["cpu"][arithmetic.name][variant], parameters)
-    packed = torch.empty((*clip.shape[:-2], height, width), dtype=torch.int64)
-    dropped = torch.empty(clip.shape[:-2], dtype=torch.int64)
-    drawing = (clip, faces, height, width, cull, box, variant, arithmetic.name, 1, chosen_values, None, None)
+    arguments.check_compiled(op, arithmetic, device)
+    known = native.REGISTRY[device][arithmetic.name]
+    arguments.check_choice(op, "variant", variant, tuple(known))
+    counters = torch.zeros(len(native.COUNTERS), dtype=torch.int64, device=device)
+    chosen_values = native.parameter_values(op, known[variant], parameters)
+    packed = torch.empty((*clip.shape[:-2], height, width), dtype=torch.int64, device=device)
+    dropped = torch.empty(clip.shape[:-2], dtype=torch.int64, device=device)
+    placed = clip.to(device), faces.to(device)
+    drawing = (*placed, height, width, cull, box, variant, arithmetic.name, 1, chosen_values, None, None)
     torch.ops.bigtri.rasterize(*drawing, packed, None, dropped, counters)
     return {name: int(n) for name, n in zip(native.COUNTERS, counters, strict=True) if n}
 

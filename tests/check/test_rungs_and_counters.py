@@ -300,3 +300,12 @@ def test_what_nothing_serves_yet_is_refused_by_name() -> None:
         outputs = (packed, None, torch.empty(1, dtype=torch.int64), None)
         with pytest.raises(RuntimeError, match=f"bigtri::rasterize: {name} must be"):
             call("rasterize", (*values, "bin_owned", "exact", samples, [], None, behind, *outputs))
+
+
+def test_counting_on_cuda_needs_a_device() -> None:
+    mesh = np.zeros((3, 4), np.float32), np.array([[0, 1, 2]], np.int32), (8, 8)
+    with pytest.raises(ValueError, match="device must be one of 'cpu', 'cuda', got 'gpu'"):
+        counters.count(*mesh, variant="scanline", device="gpu")
+    if "cuda" not in native.devices():
+        with pytest.raises(RuntimeError, match="device='cuda' needs a CUDA device"):
+            counters.count(*mesh, variant="scanline", device="cuda", backend="native")

@@ -13,7 +13,7 @@
 #include <list>
 #include <vector>
 
-#include "../core/precision.h"
+#include "../core/numerics.h"
 #include "attributes.h"
 #include "shade.h"
 #include "shading.h"
@@ -21,8 +21,10 @@
 #include "variant.h"
 
 namespace bigtri {
-namespace BIGTRI_RUNG {
+namespace BIGTRI_NAMESPACE {
 extern const CudaVariant* const kCudaVariants[];
+}
+namespace BIGTRI_RUNG {
 cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream);
 int64_t shading_scratch(const Shading& job);
 cudaError_t begin_shading_cuda(const Shading& job, void* scratch, cudaStream_t stream);
@@ -241,7 +243,7 @@ struct Copied : Memory {
 };
 
 const bigtri::CudaVariant* find_variant(const char* name) {
-  const bigtri::CudaVariant* const* v = bigtri::BIGTRI_RUNG::kCudaVariants;
+  const bigtri::CudaVariant* const* v = bigtri::BIGTRI_NAMESPACE::kCudaVariants;
   while (*v && strcmp((*v)->name, name) != 0) ++v;
   return *v;
 }
@@ -329,7 +331,7 @@ const int64_t* parameter_only(const char* variant, int i) { return find_variant(
 // which then share the positions, or null. 0, or what was refused.
 int draw_on_cpu(const char* variant, int32_t views, const float* positions, int64_t vertices, const int32_t* triangles,
                 int32_t count, const int32_t* ranges, const int32_t* view, const int64_t* values, int64_t* packed,
-                float* depth, int64_t* dropped) {
+                float* depth, int64_t* dropped, int64_t* counters) {
   using namespace bigtri;
   handle_faults();
   const CudaVariant* chosen = find_variant(variant);
@@ -354,6 +356,7 @@ int draw_on_cpu(const char* variant, int32_t views, const float* positions, int6
   f.packed = image.of<int64_t>();
   f.depth = depth ? depths.of<float>() : nullptr;
   f.dropped = drops.of<int64_t>();
+  f.counters = counters;
   kernel = 0;
   const Memory scratch(chosen->scratch_bytes(f, values), 0x7f);
   if (chosen->draw(f, values, scratch.of<char>(), nullptr) != cudaSuccess) return 3;
@@ -535,7 +538,7 @@ int shade_on_cpu(const PictureOnCpu* p) {
     f.packed = (int64_t*)output(p->drawn, 8 * samples);
     f.depth = (float*)output(p->depth, 4 * samples);
     f.dropped = (int64_t*)output(p->dropped, 8 * job.views);
-    const CudaVariant& variant = **BIGTRI_RUNG::kCudaVariants;
+    const CudaVariant& variant = **BIGTRI_NAMESPACE::kCudaVariants;
     std::vector<int64_t> values;
     for (const Parameter* parameter = variant.parameters; parameter->name; ++parameter)
       values.push_back(parameter->standard);

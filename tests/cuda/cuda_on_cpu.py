@@ -36,6 +36,8 @@ OF_A_RUNG = tuple(name for name in SOURCES if "BIGTRI_NAMESPACE" in (CSRC / f"cu
 REGISTRY = dict(re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\)(.*)", (CSRC / "cuda/variants.h").read_text()))
 VARIANTS_OF = {rung: tuple(re.findall(r"X\((\w+)\)", listed)) for rung, listed in REGISTRY.items()}
 VARIANTS = VARIANTS_OF["exact"]
+LISTED = re.search(r"#define BIGTRI_CUDA_COUNTED\(X\)((?:.*\\\n)*.*)", (CSRC / "cuda/variants.h").read_text())
+COUNTED = re.findall(r"X\((\w+)\)", LISTED[1] if LISTED else "")
 # Differ from exact in attributes alone, and are drawn by its kernels.
 DRAWN_AS_EXACT = re.findall(r"struct (\w+) : drawn_as_exact", (CSRC / "core/precision.h").read_text())
 TOGETHER = ("persistent",)  # their blocks wait for each other, but here one runs after the other: so there is only one
@@ -132,13 +134,14 @@ def compiled_header(optimized: str) -> Path:
 
 
 def compile_and_link(
-    folder: Path, sources: Sequence[Path], there: Sequence[Path], rung: str, optimized: str = "-Og"
+    folder: Path, sources: Sequence[Path], there: Sequence[Path], rung: str, optimized: str = "-Og", *flags: str
 ) -> ctypes.CDLL:
     """Compile sources, which lie in ``folder`` or include what does, for a rung, and link them with objects that are there.
 
     ``optimized``: -Og compiles in half the time of -O2, and what it makes takes a quarter longer.
     """
-    compiler = [*COMPILER, optimized, f"-DBIGTRI_RUNG={rung}", *(f"-I{path}" for path in (cuda_headers(), folder / "cuda", HERE))]
+    folders = (f"-I{path}" for path in (cuda_headers(), folder / "cuda", HERE))
+    compiler = [*COMPILER, optimized, *flags, f"-DBIGTRI_RUNG={rung}", *folders]
     compiler += ["-DBIGTRI_DRAWN_BY=exact"] * (rung in DRAWN_AS_EXACT)
     header = ["-include", str(compiled_header(optimized)), "-x", "c++", "-c"]
     objects = [folder / f"{source.stem}.o" for source in sources]
@@ -183,6 +186,14 @@ def build_rung(folder: Path, rung: str) -> ctypes.CDLL:
     return compile_and_link(folder, sources, [unchanged("exact") / f"{name}.o" for name in there], rung)
 
 
+def build_counting(folder: Path) -> ctypes.CDLL:
+    """Compile the variants that count their work with counters, and what they need of ``exact`` beside them."""
+    copy_sources(folder)
+    sources = [*(folder / f"cuda/{name}.cu" for name in (*COUNTED, "clear", "variants")), HERE / "cuda_on_cpu.cpp"]
+    there = [unchanged("exact") / f"{name}.o" for name in SOURCES if name != "variants"]
+    return compile_and_link(folder, sources, there, "exact", "-Og", "-DBIGTRI_COUNTING")
+
+
 @functools.cache
 def unchanged(rung: str) -> Path:
     """A folder with the kernels as they are, compiled once in a process."""
@@ -213,8 +224,10 @@ def parameters(library: ctypes.CDLL, variant: str) -> dict[str, Parameter]:
     return found
 
 
-def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
-    """packed, depth and dropped [B] of a job, by its kernels."""
+def draw(
+    library: ctypes.CDLL, job: Job, counters: NDArray[np.int64] | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
+    """packed, depth and dropped [B] of a job, by its kernels; a build that counts adds to ``counters``."""
 
     def pointer(array: NDArray) -> ctypes.c_void_p:
         return array.ctypes.data_as(ctypes.c_void_p)
@@ -242,6 +255,7 @@ def draw(library: ctypes.CDLL, job: Job) -> tuple[NDArray[np.int64], NDArray[np.
         len(triangles),
         None if job.ranges is None else pointer(job.ranges),
         *map(pointer, (view, values, packed, depth, dropped)),
+        None if counters is None else pointer(counters),
     )
     assert refused == 0, (refused, job.variant, settings)
     return packed, depth, dropped

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
+import itertools
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import cuda_on_cpu
@@ -14,10 +15,14 @@ from cases import CASES, Case
 from cuda_bits import CONSTRUCTIONS, EVERY, PATHS, VALUES, that_differ, values_of
 from cuda_on_cpu import TOGETHER, VARIANTS, Job
 from exhaustive import exhaustive
+from numpy.typing import NDArray
 
 import bigtri
-from bigtri import native
+from bigtri import native, reference
+from bigtri.check import counters
 from bigtri.ops.rasterize import CULLS
+from bigtri.reference.numerics import edges_of, stepped_values
+from bigtri.reference.records import Records
 
 pytestmark = [
     pytest.mark.skipif(bool(cuda_on_cpu.available()), reason=cuda_on_cpu.available()),
@@ -224,3 +229,54 @@ def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path
     few = {"bin_owned": {"few": EVERY}, "persistent": {}}
     jobs = [job(case_of(name), variant, {"queue": queue, **few[variant]}) for name, variant, queue in drawn]
     assert said in cuda_on_cpu.differences_in_children(library, jobs)
+
+
+def squares(records: Records, size: int, by_edges: bool = True) -> NDArray[np.int64]:
+    """How many squares of size x size px each record's bounding box meets, less those that an edge rejects."""
+    x0, y0, x1, y1 = records.bbox.T.astype(np.int64)
+    across, down = (x1 - 1) // size - x0 // size + 1, (y1 - 1) // size - y0 // size + 1
+    record = np.repeat(np.arange(len(across)), across * down)
+    place = np.arange(len(record)) - np.repeat(np.cumsum(across * down) - across * down, across * down)
+    left, top = size * (x0[record] // size + place % across[record]), size * (y0[record] // size + place // across[record])
+    corners = [(left + i, top + j) for i in (0, size - 1) for j in (0, size - 1)]
+    highest = np.max([stepped_values(edges_of(records.xy[record]), x, y) for x, y in corners], axis=0)
+    kept = (highest >= 0).all(axis=1) if by_edges else np.ones(len(record), bool)
+    return np.bincount(record[kept], minlength=len(across))
+
+
+def pyramid_entries(records: Records) -> NDArray[np.int64]:
+    """Tiles of each record at the level where hierarchical_tiles stores it, by its standard parameters."""
+    tiles = np.stack([squares(records, 16 << level, by_edges=False) for level in range(5)])
+    level = np.where((tiles <= 4).any(axis=0), (tiles <= 4).argmax(axis=0), 4)
+    return tiles[level, np.arange(len(level))]
+
+
+# What each variant queues, of each record.
+ENTRIES: dict[str, Callable[[Records], NDArray[np.int64]]] = {
+    "recursive_descent": lambda records: squares(records, 64),
+    "hierarchical_tiles": pyramid_entries,
+    "tile_queues": lambda records: squares(records, 128) + squares(records, 8),
+    "coverage_masks": lambda records: squares(records, 64) + squares(records, 8),
+    "tile_owned": lambda records: squares(records, 32),
+}
+
+
+@exhaustive
+def test_counters(tmp_path: Path) -> None:
+    """Records, what is queued of them, and the pixels that they cover, each offered its depth once."""
+    library = cuda_on_cpu.build_counting(tmp_path / "build")
+    assert {*cuda_on_cpu.COUNTED} == {"scanline", "batched", *ENTRIES}
+    for variant, name in itertools.product(cuda_on_cpu.COUNTED, (*ODD, "many_small")):
+        case = case_of(name)
+        records, _ = reference.setup(case.positions, case.triangles, *case.resolution)
+        model = counters.count(*case, variant="scanline", backend="reference")
+        wanted = {key: model[key] for key in ("records", "fragments")}
+        if variant in ENTRIES:
+            wanted |= {"by_tiles": model["records"], "entries": int(ENTRIES[variant](records).sum())}
+        else:
+            wanted |= {"by_rows": model["records"]}
+        found = np.zeros(len(native.COUNTERS), np.int64)
+        cuda_on_cpu.draw(library, job(case, variant, {"early_z": 0}), found)
+        counted = dict(zip(native.COUNTERS, found.tolist(), strict=True))
+        assert wanted == {key: counted[key] for key in wanted}, (variant, name)
+        assert counted["overflows"] == 0

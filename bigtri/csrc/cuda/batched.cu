@@ -4,6 +4,7 @@
 // all of it.
 
 #include "clear.h"
+#include "counting.cuh"
 #include "depth_image.h"
 #include "fragment.cuh"
 #include "parameters.h"
@@ -42,6 +43,7 @@ __device__ __forceinline__ void draw_in_cell(const Frame& f, const Record& r, in
     int64_t outside = 0;
     for (int k = 0; k < 3; ++k) outside |= first[k] - (int64_t)edge[k].dy * i + (int64_t)edge[k].dx * j;
     if (outside < 0) continue;
+    count_work(f, Counter::fragments, 1);
     const float z = r.flags & kRecordThin ? thin_depth(&r, x, y)
                                           : finish_depth(plane_row<double>(plane.zcell, plane.dzdy, y % kBin) +
                                                              plane_column<double>(plane.dzdx, x % kBin),
@@ -52,6 +54,10 @@ __device__ __forceinline__ void draw_in_cell(const Frame& f, const Record& r, in
 
 // The batch's records. By all threads of a block.
 __device__ __forceinline__ void draw_records(const Frame& f, const Batch& b) {
+  if (threadIdx.x == 0) {
+    count_work(f, Counter::records, b.count);
+    count_work(f, Counter::by_rows, b.count);
+  }
   for (int n = 0; n < b.count; ++n) {
     const Record& r = b.record[n];
     const BinBox cells = bin_box(r);

@@ -3,6 +3,7 @@
 // atomics: nothing is lost.
 #pragma once
 
+#include "counting.cuh"
 #include "direct.cuh"
 #include "launch.cuh"
 
@@ -54,17 +55,22 @@ struct BinQueues {
   }
 };
 
-// queue: records that may wait; room: wanted for each bin, of which all have less where there are very many; size: of a
-// bin, px.
+constexpr int64_t kQueueBytes = 32 << 20;  // for all queues together
+
+// Slots of each of `count` queues: as many as wanted, and as memory allows, but no more than there are records.
+inline int64_t queue_room(int64_t wanted, int64_t records, int64_t count) {
+  const int64_t allowed = max_of<int64_t>(1, kQueueBytes / (int64_t)sizeof(uint32_t) / count);
+  return min_of<int64_t>(records, wanted > 0 ? min_of<int64_t>(wanted, allowed) : allowed);
+}
+
+// queue: records that may wait; room: wanted in each bin's queue, or 0; size: of a bin, px.
 BinQueues take_bin_queues(Scratch* scratch, const Frame& f, int64_t queue, int64_t room, int size) {
-  constexpr int64_t kQueueBytes = 64 << 20;  // for all queues together
   BinQueues q;
   q.size = size;
   q.columns = (f.view.width + size - 1) / size;
   q.count = q.columns * ((f.view.height + size - 1) / size);
   q.record_room = (uint32_t)min_of<int64_t>(queue, (int64_t)f.count * kMaxSubTriangles);
-  q.room = (int)min_of<int64_t>(min_of<int64_t>(room, q.record_room),
-                                max_of<int64_t>(1, kQueueBytes / (int64_t)sizeof(uint32_t) / q.count));
+  q.room = (int)queue_room(room, q.record_room, q.count);
   q.records = scratch->take<Record>(q.record_room);
   q.counters = scratch->take<uint64_t>(BinQueues::kCounters + (q.count + 1) / 2);
   q.sizes = reinterpret_cast<uint32_t*>(q.counters + BinQueues::kCounters);
@@ -75,6 +81,10 @@ BinQueues take_bin_queues(Scratch* scratch, const Frame& f, int64_t queue, int64
 
 // A warp's records to the queues, one at a time with all lanes.
 __device__ __noinline__ void queue_or_draw(const Frame& f, const BinQueues& q, const Record* records, int count) {
+  if (lane_id() == 0) {
+    count_work(f, Counter::records, count);
+    count_work(f, Counter::by_tiles, count);
+  }
   uint32_t first = 0;
   if (lane_id() == 0) first = claim(&q.counters[BinQueues::kRecordCount], q.record_room, (uint32_t)count);
   first = __shfl_sync(kAllLanes, first, 0);
@@ -88,6 +98,8 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const BinQueues& q, c
     bool full = false;
     each_square(records[i], q.size, q.columns, [&](int bin) {
       const uint32_t at = atomicAdd(&q.sizes[bin], 1u);
+      count_work(f, Counter::entries, 1);
+      count_work(f, Counter::overflows, at >= (uint32_t)q.room);
       if (at < (uint32_t)q.room)
         q.slots[(int64_t)bin * q.room + at] = slot;
       else

@@ -16,7 +16,7 @@ namespace {
 #define BIGTRI_LIST(X)       \
   BIGTRI_BLOCKS_PARAMETER(X) \
   BIGTRI_QUEUE_PARAMETER(X)  \
-  X(room, "records", "that the queue of a bin holds; what comes after, all bins look at", 1024, 1, 1 << 20)
+  BIGTRI_ROOM_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 constexpr int kThreads = 256, kWarps = kThreads / kWarp;
@@ -157,6 +157,7 @@ __device__ __forceinline__ void draw_tile(const Frame& f, const Record* records,
               begin = end - __popc((unsigned)mask) - __popc((unsigned)(mask >> 32)),
               all = __shfl_sync(kAllLanes, end, kWarp - 1);
     const int place = __popc(__ballot_sync(kAllLanes, mask != 0) & lanes_below());
+    count_work(f, Counter::fragments, end - begin);
     if (mask) {
       m->mask[place] = mask;
       m->begin[place] = begin;
@@ -211,6 +212,7 @@ __global__ void __launch_bounds__(kThreads)
           const int at = atomicAdd(&s.count, 1);
           meeting.make_entry(r, &s.entries[at]);
           s.tiles[at] = tile_mask(r, s.entries[at], left, top);
+          count_work(f, Counter::entries, __popc((unsigned)s.tiles[at]) + __popc((unsigned)(s.tiles[at] >> 32)));
         }
       }
       __syncthreads();

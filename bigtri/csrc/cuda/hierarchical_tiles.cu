@@ -4,9 +4,9 @@
 // lists name into registers, and writes each pixel once. A record that finds a list full goes to one that all warps look
 // at, so none is lost.
 
+#include "bin_queues.cuh"
 #include "clear.h"
 #include "depth_image.h"
-#include "direct.cuh"
 #include "owned.cuh"
 #include "parameters.h"
 #include "queued.cuh"
@@ -24,11 +24,10 @@ constexpr int kMostLevels = 10;  // 2^9 tiles of 64 px are more than the widest 
   X(tile, "px", "of the finest tiles", 16, 16, 64, kTileSizes)                                                       \
   X(levels, "", "of the pyramid", 5, 1, kMostLevels)                                                                 \
   X(meets, "tiles", "that a triangle may meet at the level where it is stored, unless that is the last", 4, 1, 4096) \
-  X(room, "records", "in the list of a finest tile; each level up has twice as many", 64, 1, 65536)
+  BIGTRI_ROOM_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 constexpr int kThreads = 256, kWarps = kThreads / kWarp;
-constexpr int64_t kListBytes = 128 << 20;  // for all lists together
 
 struct Level {
   int tile;  // px
@@ -59,9 +58,10 @@ Pyramid take_pyramid(Scratch* scratch, const Frame& f, const Values& v) {
   p.levels = (int)v.levels;
   p.most = (int)v.meets;
   p.record_room = (uint32_t)min_of<int64_t>(v.queue, (int64_t)f.count * kMaxSubTriangles);
-  // Each level has a quarter of the tiles of the one below, and room for twice as many in each: half as many slots.
-  const int64_t finest = ((f.view.width + v.tile - 1) / v.tile) * ((f.view.height + v.tile - 1) / v.tile);
-  const int64_t room = max_of<int64_t>(1, min_of<int64_t>(v.room, kListBytes / 2 / (int64_t)sizeof(uint32_t) / finest));
+  // Each level has a quarter of the tiles of the one below and room for twice as many in each, so that all have twice as
+  // many slots as the finest one.
+  const int64_t finest = ((f.view.width + v.tile - 1) / v.tile) * ((f.view.height + v.tile - 1) / v.tile),
+                room = queue_room(v.room, p.record_room, 2 * finest);
   int64_t slots = 0;
   p.tiles = 0;
   for (int i = 0; i < p.levels; ++i) {
@@ -92,7 +92,7 @@ __device__ __forceinline__ TileBox tile_box(const Record& r, int tile) {
 }
 
 // The record in a slot to the lists of its tiles, a lane a tile. By all lanes.
-__device__ __forceinline__ void store(const Pyramid& p, const Record& r, uint32_t slot) {
+__device__ __forceinline__ void store(const Frame& f, const Pyramid& p, const Record& r, uint32_t slot) {
   int at = 0;
   while (at + 1 < p.levels && tile_box(r, p.level[at].tile).count > p.most) ++at;
   const Level& level = p.level[at];
@@ -101,6 +101,8 @@ __device__ __forceinline__ void store(const Pyramid& p, const Record& r, uint32_
   for (int i = lane_id(); i < box.count; i += kWarp) {
     const int64_t tile = (int64_t)(box.y + i / box.columns) * level.columns + box.x + i % box.columns;
     const uint32_t place = atomicAdd(&p.sizes[level.first_tile + tile], 1u);
+    count_work(f, Counter::entries, 1);
+    count_work(f, Counter::overflows, place >= (uint32_t)level.room);
     if (place < (uint32_t)level.room)
       p.slots[level.first_slot + tile * level.room + place] = slot;
     else
@@ -111,6 +113,10 @@ __device__ __forceinline__ void store(const Pyramid& p, const Record& r, uint32_
 
 // A warp's records to the pyramid; those for which there is no memory are drawn at once.
 __device__ __noinline__ void queue_or_draw(const Frame& f, const Pyramid& p, const Record* records, int count) {
+  if (lane_id() == 0) {
+    count_work(f, Counter::records, count);
+    count_work(f, Counter::by_tiles, count);
+  }
   uint32_t first = 0;
   if (lane_id() == 0) first = claim(p.record_count(), p.record_room, (uint32_t)count);
   first = __shfl_sync(kAllLanes, first, 0);
@@ -118,7 +124,7 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Pyramid& p, con
     const uint32_t slot = first + (uint32_t)i;
     if (slot < p.record_room) {
       copy_record(p.records + slot, records[i]);
-      store(p, records[i], slot);
+      store(f, p, records[i], slot);
     } else {
       warp_draw(f.packed, f.view.width, records[i]);
     }
@@ -137,14 +143,19 @@ __global__ void __launch_bounds__(kThreads, 4)
   for (int n = blockIdx.x * kWarps + this_warp(); n < columns * rows; n += gridDim.x * kWarps) {
     Region region;
     begin_region(f, n % columns * kRegion, n / columns * kRegion, others, &region);
+    const auto tile_at = [&](const Level& level) {
+      return (int64_t)(region.top / level.tile) * level.columns + region.left / level.tile;
+    };
+    // A lane reads the length of the list at its level, so that there is one wait for all of them.
+    const Level& own = p.level[min_of(lane_id(), p.levels - 1)];
+    const int size = (int)min_of(p.sizes[own.first_tile + tile_at(own)], (uint32_t)own.room);
     for (int i = 0; i < p.levels; ++i) {
       const Level& level = p.level[i];
-      const int64_t tile = (int64_t)(region.top / level.tile) * level.columns + region.left / level.tile;
-      const int count = (int)min_of(p.sizes[level.first_tile + tile], (uint32_t)level.room);
-      const uint32_t* const slots = p.slots + level.first_slot + tile * level.room;
-      draw_listed(p.records, count, early_z, &region, entries[this_warp()], [&](int k) { return slots[k]; });
+      const int count = __shfl_sync(kAllLanes, size, i);
+      const uint32_t* const slots = p.slots + level.first_slot + tile_at(level) * level.room;
+      draw_listed(f, p.records, count, early_z, &region, entries[this_warp()], [&](int k) { return slots[k]; });
     }
-    draw_listed(p.records, left, early_z, &region, entries[this_warp()], [&](int k) { return p.left[k]; });
+    draw_listed(f, p.records, left, early_z, &region, entries[this_warp()], [&](int k) { return p.left[k]; });
     region.store(f);
   }
 }

@@ -2,6 +2,7 @@
 // bin, first come, first served. What finds no room is drawn at once, with atomics, so that nothing is lost.
 #pragma once
 
+#include "counting.cuh"
 #include "direct.cuh"
 #include "launch.cuh"
 
@@ -42,6 +43,7 @@ PairQueue take_pairs(Scratch* scratch, const Frame& f, int64_t queue) {
 // lanes.
 __device__ __forceinline__ void queue_pairs(const Frame& f, const PairQueue& q, const Record& r, uint32_t slot) {
   const BinBox bins = bin_box(r);
+  if (lane_id() == 0) count_work(f, Counter::candidates, bins.count);
   for (int base = 0; base < bins.count; base += kWarp) {
     const int i = base + lane_id(), x = bins.x + i % bins.columns, y = bins.y + i / bins.columns;
     TileEdges edges;
@@ -52,6 +54,8 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const PairQueue& q, 
     if (lane_id() == 0) at = claim(&q.counters[PairQueue::kPairCount], q.pair_room, (uint32_t)__popc(all));
     at = __shfl_sync(kAllLanes, at, 0) + __popc(all & lanes_below());
     const bool room = at < q.pair_room;
+    count_work(f, Counter::entries, kept);
+    count_work(f, Counter::overflows, kept && !room);
     if (kept && room) q.pairs[at] = {slot, (uint16_t)x, (uint16_t)y};
     for (unsigned todo = __ballot_sync(kAllLanes, kept && !room); todo; todo &= todo - 1) {
       const int lane = __ffs(todo) - 1;
@@ -63,6 +67,10 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const PairQueue& q, 
 // A warp's records to the queue, one at a time with all lanes, so that a huge one holds up no lane; what finds no room
 // is drawn.
 __device__ __noinline__ void queue_or_draw(const Frame& f, const PairQueue& q, const Record* records, int count) {
+  if (lane_id() == 0) {
+    count_work(f, Counter::records, count);
+    count_work(f, Counter::by_tiles, count);
+  }
   uint32_t first = 0;
   if (lane_id() == 0) first = claim(&q.counters[PairQueue::kRecordCount], q.record_room, (uint32_t)count);
   first = __shfl_sync(kAllLanes, first, 0);

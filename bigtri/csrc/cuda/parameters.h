@@ -31,6 +31,10 @@ constexpr int64_t kThreadCounts[] = {32, 64, 128, 256, kMostThreads, -1};
     "may show; 0: by the image and the number of triangles",                                                         \
     0, 0, 1024, kShares)
 
+#define BIGTRI_ROOM_PARAMETER(X)                                                                                       \
+  X(room, "records",                                                                                                   \
+    "in the queue of a bin or finest tile; what comes after, all look at; 0: as many as 32 MiB allow for all of them", \
+    0, 0, 1 << 20)
 #define BIGTRI_EARLY_Z_PARAMETER(X)                                                                                    \
   X(early_z, "", "1: what lies behind all that has been drawn is rejected before its depth is computed; 0: it is not", \
     1, 0, 1)

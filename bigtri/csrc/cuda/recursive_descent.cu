@@ -5,6 +5,7 @@
 // begins there.
 
 #include "clear.h"
+#include "counting.cuh"
 #include "depth_image.h"
 #include "pairs.cuh"
 #include "parameters.h"
@@ -27,6 +28,7 @@ constexpr int kCoarse = 16, kFine = 4;  // px
 
 // A record within a bin; places are px from the bin's corner.
 struct Descent {
+  const Frame* frame;
   int64_t* pixels;  // the bin's first one
   int width;  // of the image
   const Record* record;
@@ -55,6 +57,11 @@ __device__ __forceinline__ Squares test_squares(const Descent& d, int x, int y, 
   else if (d.box)
     outside |= (d.x1 - 1 - i) | (i + last - d.x0) | (d.y1 - 1 - j) | (j + last - d.y0);
   const unsigned inside = __ballot_sync(kAllLanes, outside >= 0);
+  if (lane_id() == 0) {
+    count_work(*d.frame, Counter::tiles_tested, 16);
+    count_work(*d.frame, Counter::tiles_rejected, 16 - __popc(inside & 0xffff));
+    count_work(*d.frame, Counter::tiles_accepted, __popc(inside >> 16));
+  }
   return {inside & 0xffff, inside >> 16};
 }
 
@@ -62,6 +69,7 @@ __device__ __forceinline__ void draw_pixel(const Descent& d, int i, int j) {
   int64_t* const pixel = d.pixels + (int64_t)j * d.width + i;
   const int64_t there = d.early_z ? __ldcg(pixel) : kBackground;
   if (there < d.nearest) return;
+  count_work(*d.frame, Counter::fragments, 1);
   const Record& r = *d.record;
   const float z =
       r.flags & kRecordThin
@@ -125,6 +133,7 @@ __global__ void __launch_bounds__(kThreads)
     Descent d;
     if (!narrow_edges(r, bin_x, bin_y, d.edge)) return;
     const int left = bin_x * kBin, top = bin_y * kBin;
+    d.frame = &f;
     d.pixels = f.packed + (int64_t)top * f.view.width + left;
     d.width = f.view.width;
     d.record = &r;

@@ -20,6 +20,15 @@ BIGTRI_LADDER(BIGTRI_OF_RUNG)
 #endif
 #undef BIGTRI_OF_RUNG
 
+#if defined(BIGTRI_WITH_CUDA_COUNTING)
+namespace exact_counting {
+extern const CudaVariant* const kCudaVariants[];
+}
+const CudaVariant* const* const kCountingCudaVariants = exact_counting::kCudaVariants;
+#else
+const CudaVariant* const* const kCountingCudaVariants = nullptr;
+#endif
+
 const CudaRung kCudaRungs[] = {
 #define BIGTRI_LISTED(RUNG)                                                                                       \
   {#RUNG,           RUNG::kCudaVariants, RUNG::interpolate_cuda, RUNG::shading_scratch, RUNG::begin_shading_cuda, \

@@ -21,4 +21,7 @@ struct CudaRung {
 // All of them, the default first; ends with a null name.
 extern const CudaRung kCudaRungs[];
 
+// Variants of the default rung, compiled with counters (core/counters.h); null where the build has none.
+extern const CudaVariant* const* const kCountingCudaVariants;
+
 }  // namespace bigtri

@@ -4,6 +4,7 @@
 
 #include "../core/scanline.h"
 #include "clear.h"
+#include "counting.cuh"
 #include "depth_image.h"
 #include "fragment.cuh"
 #include "parameters.h"
@@ -33,6 +34,9 @@ __device__ __forceinline__ void draw_span(const Frame& f, const Record& r, int b
 __device__ __noinline__ void draw_primitive(const Frame& f, const Primitive& p, int64_t triangle) {
   Record r;
   fill_record(p, f.first_triangle + triangle, &r);
+  count_work(f, Counter::records, 1);
+  count_work(f, Counter::by_rows, 1);
+  count_work(f, Counter::rows, r.y1 - r.y0);
   for (int y = r.y0; y < r.y1; ++y) {
     int64_t lower = 0, upper = r.x1 - r.x0;
     for (int k = 0; k < 3; ++k) {
@@ -40,6 +44,7 @@ __device__ __noinline__ void draw_primitive(const Frame& f, const Primitive& p, 
       cut_span(edge_steps(e, r.x0, y), -e.dy, &lower, &upper);
     }
     const int end = r.x0 + (int)upper;
+    count_work(f, Counter::fragments, max_of<int64_t>(upper - lower, 0));
     for (int x = r.x0 + (int)lower; x < end; x = (x | (kBin - 1)) + 1)
       draw_span(f, r, x, min_of(end, (x | (kBin - 1)) + 1), y);
   }

@@ -60,6 +60,10 @@ Tiles take_tiles(Scratch* scratch, const Frame& f, const Values& v) {
 
 // A warp's records to memory, counted by tiles; those for which there is no memory are drawn at once.
 __device__ __noinline__ void queue_or_draw(const Frame& f, const Tiles& t, const Record* records, int count) {
+  if (lane_id() == 0) {
+    count_work(f, Counter::records, count);
+    count_work(f, Counter::by_tiles, count);
+  }
   uint32_t first = 0;
   if (lane_id() == 0) first = claim(&t.counters[Tiles::kRecordCount], t.record_room, (uint32_t)count);
   first = __shfl_sync(kAllLanes, first, 0);
@@ -98,6 +102,8 @@ __global__ void __launch_bounds__(kThreads)
   for (uint32_t slot = blockIdx.x * kWarps + this_warp(); slot < count; slot += gridDim.x * kWarps) {
     bool nowhere = false;
     each_square(t.records[slot], t.tile, t.columns, [&](int tile) {
+      count_work(f, Counter::entries, 1);
+      count_work(f, Counter::overflows, t.first[tile] == Tiles::kNowhere);
       if (t.first[tile] == Tiles::kNowhere)
         nowhere = true;
       else
@@ -119,7 +125,7 @@ __global__ void __launch_bounds__(kThreads, 4)
     begin_region(f, n % columns * kRegion, n / columns * kRegion, others, &region);
     const int tile = region.top / t.tile * t.columns + region.left / t.tile;
     const uint32_t* const slots = t.entries + t.first[tile];
-    draw_listed(t.records, (int)t.filled[tile], early_z, &region, entries[this_warp()],
+    draw_listed(f, t.records, (int)t.filled[tile], early_z, &region, entries[this_warp()],
                 [&](int k) { return slots[k]; });
     region.store(f);
   }

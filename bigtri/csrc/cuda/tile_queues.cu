@@ -17,7 +17,7 @@ namespace {
 #define BIGTRI_LIST(X)       \
   BIGTRI_BLOCKS_PARAMETER(X) \
   BIGTRI_QUEUE_PARAMETER(X)  \
-  X(room, "records", "that the queue of a bin holds; what comes after, all bins look at", 1024, 1, 1 << 20)
+  BIGTRI_ROOM_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 constexpr int kThreads = 256, kWarps = kThreads / kWarp;
@@ -36,13 +36,14 @@ struct Shared {
 };
 
 // Puts a thread's entry into the queues of the tiles that it touches in its cell. column, row: the cell in the bin.
-__device__ __forceinline__ void queue_tiles(const Record& r, const Entry& e, int left, int top, int column, int row,
-                                            Shared* s) {
+__device__ __forceinline__ void queue_tiles(const Frame& f, const Record& r, const Entry& e, int left, int top,
+                                            int column, int row, Shared* s) {
   for (uint64_t todo = bbox_tiles(r.x0 - left, r.y0 - top, r.x1 - left, r.y1 - top); todo; todo &= todo - 1) {
     const int tile = __ffsll((long long)todo) - 1, x = tile % 8, y = tile / 8;
     bool touched = true;
     for (int k = 0; k < 3; ++k) touched &= tile_edge(e.edge[k], x, y) + tile_highest(e.edge[k]) >= 0;
     if (!touched) continue;
+    count_work(f, Counter::entries, 1);
     const int of_bin = (row * 8 + y) * kRow + column * 8 + x;
     s->queues[of_bin][atomicAdd(&s->sizes[of_bin], 1)] = (uint8_t)threadIdx.x;
   }
@@ -64,6 +65,7 @@ __device__ __forceinline__ void draw_tile(const Frame& f, const Record* records,
       int32_t outside = 0;
       for (int m = 0; m < 3; ++m) outside |= e.edge[m].f + i * e.edge[m].sx + j * e.edge[m].sy;
       if (outside < 0) continue;
+      count_work(f, Counter::fragments, 1);
       const float z =
           e.thin()
               ? thin_depth(records + e.slot(), px, py)
@@ -96,7 +98,7 @@ __global__ void __launch_bounds__(kThreads)
         const Meeting m = meet(r, slot, left / kBin + column, top / kBin + row, 0, 0, kBin, kBin);
         if (m.meets()) {
           m.make_entry(r, &s.entries[threadIdx.x]);
-          queue_tiles(r, s.entries[threadIdx.x], left + column * kBin, top + row * kBin, column, row, &s);
+          queue_tiles(f, r, s.entries[threadIdx.x], left + column * kBin, top + row * kBin, column, row, &s);
         }
       }
       __syncthreads();

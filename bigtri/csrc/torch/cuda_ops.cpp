@@ -1,5 +1,6 @@
 // torch.ops.bigtri.rasterize on CUDA, and the list of CUDA variants. Nothing here waits for the device.
 
+#include "../core/counters.h"
 #include "cuda.h"
 #include "rasterize_checks.h"
 
@@ -19,12 +20,15 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
                        const std::optional<Tensor>& depth, const Tensor& dropped,
                        const std::optional<Tensor>& counters) {
   const char* op = "rasterize";
+  const CudaRung& rung = find_rung(op, kCudaRungs, precision);
+  BIGTRI_CHECK(!counters || (kCountingCudaVariants && &rung == kCudaRungs),
+               "bigtri::rasterize: counters must be None on CUDA, unless the extension was built with "
+               "BIGTRI_CUDA_COUNTING=1 and precision is '",
+               kCudaRungs[0].name, "', got ", describe(*counters), " and precision '", precision, "'");
   const CudaVariant& chosen =
-      find_variant(op, find_rung(op, kCudaRungs, precision).variants, variant, precision, " on CUDA");
+      find_variant(op, counters ? kCountingCudaVariants : rung.variants, variant, precision, " on CUDA");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
   check_unserved(samples, behind);
-  BIGTRI_CHECK(!counters, "bigtri::rasterize: counters must be None on CUDA, where no variant counts, got ",
-               describe(*counters));
   BIGTRI_CHECK(positions.defined() && positions.is_cuda(),
                "bigtri::rasterize: positions must be on a CUDA device like the others, got ", describe(positions));
   const int device = positions.get_device_index();
@@ -32,6 +36,8 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   frame.view = viewport(op, height, width, cull, scissor);
   frame.views = checked_views(device, positions, triangles, height, width, ranges, packed, depth, dropped);
   check_count(op, "triangles", triangles.size(0));
+  if (counters)
+    check_cuda(op, "counters", *counters, device, ScalarType::Long, {kCounters}, "int64 [one for each counter]");
   frame.positions = const_data<float>(positions);
   frame.triangles = const_data<int32_t>(triangles);
   frame.vertices = positions.size(-2);
@@ -41,6 +47,7 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   frame.packed = data<int64_t>(packed);
   frame.depth = depth ? data<float>(*depth) : nullptr;
   frame.dropped = data<int64_t>(dropped);
+  frame.counters = counters ? data<int64_t>(*counters) : nullptr;
   if (frame.views == 0) return;
   const torch::stable::accelerator::DeviceGuard guard(device);
   const int64_t bytes = chosen.scratch_bytes(frame, values.data());
