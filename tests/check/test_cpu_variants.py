@@ -142,3 +142,11 @@ def test_overdraw_with_and_without_early_rejection(one_thread: None) -> None:
     count = {early_z: counters.count(*case, variant="hierarchical_tiles", parameters={"early_z": early_z}) for early_z in (0, 1)}
     assert count[1]["fragments"] < count[0]["fragments"] / 4
     assert count[1]["tiles_hidden"] > 0 and "tiles_hidden" not in count[0]
+
+
+def test_of_equal_depths_the_lower_index_is_drawn_over_a_bound() -> None:
+    """The second triangle fills finest tiles and is stored below the first, so that it is drawn before it."""
+    xy = np.array([[[-300, -300], [900, -300], [-300, 900]], [[0, 0], [100, 0], [0, 100]]], np.float64)
+    case = from_pixels(xy, np.full((2, 3), 0.5), (256, 256))
+    seen = bigtri.rasterize(*case, variant="hierarchical_tiles", parameters={"tile": 16, "levels": 5, "meets": 64})
+    assert (seen.triangle == 0).all()
