@@ -15,9 +15,10 @@ constexpr int kMiddles = kBin / kMiddle;  // across a bin
 // Records of at most this extent, subpx, take 32 bits for every edge value in the bins that they meet. Let the extent be
 // D = 2^19 - 2^14 subpx (1984 px of 256). Centres in these bins lie up to 63 px, below 2^14 subpx, outside of the
 // triangle's bounding box. An edge value is a difference of two products of a side (<= D) and a distance (< D + 2^14 =
-// 2^19), so |e| < 2 * D * 2^19 < 2^39, and |f| < 2^31 - 2^26. With fewer sub-pixel bits all of it is smaller.
+// 2^19), so |e| < 2 * D * 2^19 < 2^39, and |f| < 2^31 - 2^26. With fewer sub-pixel bits all of it is smaller. Rungs with
+// more of them do not have the variant.
 constexpr int32_t kNarrowExtent = (kMaxSize / 8 - kBin) * kSubpixel;
-static_assert(kNarrowExtent <= (1 << 19) - (1 << 14), "f fits int32");
+static_assert(Rung::kSubpixelBits > 8 || kNarrowExtent <= (1 << 19) - (1 << 14), "f fits int32");
 
 // Where a record is drawn to: one view.
 struct DescentTarget {
