@@ -127,7 +127,9 @@ def measure(case: Case, threads: int, seconds: float) -> list[Row]:
         ratio = float(np.median(ms / times[MINIMAL]))
         who = (0, "cuda") if on_gpu else (threads, native.isa())
         named = (pictured.name, len(pictured.scene.triangles), name, width, height, *who, covered)
-        rows.append(Row(*named, *summary(ms.tolist()), float(more), float(low), float(high), ratio))
+        rows.append(
+            Row(*named, *summary(ms.tolist()), float(more), float(low), float(high), ratio, provenance.device(device.type))
+        )
         print(
             f"{pictured.name:18} {name:24} {rows[-1].ms_median:9.4f} {more:9.4f} ({low:.4f} to {high:.4f}) {ratio:6.3f}",
             flush=True,
