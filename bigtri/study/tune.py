@@ -24,6 +24,7 @@ from .clock import interleaved
 LOST = 2  # times the fastest way: what takes longer is not tried further
 GAIN = 0.97  # of the time before: what a step in a parameter has to come to
 STEP = 4
+ALL = 16  # values that are all tried, where a parameter has no more
 FROM = 64  # where the steps begin for a parameter whose standard, 0, means that the variant chooses
 FINALISTS = 8  # beside the standard way; more where there are more variants
 TURNS = 5  # of each way while parameters are tried
@@ -185,8 +186,8 @@ def finalists(tried: Mapping[Setting, float], standard: Setting) -> list[Setting
 
 def lines(parameter: native.Parameter, here: int) -> list[list[int]]:
     """Values to try, in lists; the rest of a list is left where a value gains nothing."""
-    if parameter.only:
-        return [[value] for value in parameter.only if value != here]
+    if parameter.only or parameter.high - parameter.low < ALL:
+        return [[value] for value in parameter.only or range(parameter.low, parameter.high + 1) if value != here]
     up, down = [], []
     value = here * STEP if here else FROM
     while value <= parameter.high:

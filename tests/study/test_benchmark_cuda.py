@@ -204,7 +204,7 @@ def test_calls_take_turns_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None
     calls = {"one": cuda.draw, "five": lambda: [cuda.draw() for _ in range(5)]}
     ms = study_clock.interleaved(calls, seconds=0, at_least=6, device="cuda")
     assert ms == {"one": pytest.approx([0.01] * 6), "five": pytest.approx([0.05] * 6)}
-    assert cuda.sleeps == 2 + 2 * 7  # one each to see how long it takes, and one each of every round
+    assert cuda.sleeps == 2 * 5 + 2 * 7  # five each to see how long it takes, and one each of every round
 
 
 def test_replays_and_the_host(monkeypatch: pytest.MonkeyPatch) -> None:
