@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import textwrap
 from collections.abc import Sequence
 
 import markdown
@@ -29,12 +28,8 @@ def page(rows: Sequence[Row], slow: float) -> str:
             text += [tables[part](of_part)]
     whence = ("{device}; {how}; {versions}; commit {commit}: `{command}`.".format(**row.where) for row in rows)
     head = NOTE.format(slow)
-    return "\n\n".join(map(wrapped, "\n\n".join([*dict.fromkeys(whence), head, *text]).split("\n\n")))
-
-
-def wrapped(paragraph: str) -> str:
-    """A paragraph in lines of 120; tables and headings stay."""
-    return paragraph if paragraph.startswith(("|", "#")) else textwrap.fill(paragraph, 120, break_on_hyphens=False)
+    paragraphs = "\n\n".join([*dict.fromkeys(whence), head, *text]).split("\n\n")
+    return "\n\n".join(p if p.startswith(("|", "#")) else markdown.wrapped(p) for p in paragraphs)
 
 
 def scenes(rows: Sequence[Row]) -> str:
