@@ -73,6 +73,12 @@ OPERATORS: dict[str, _Operator] = {
         },
         anywhere=("ranges",),
     ),
+    "map_work": _Operator(
+        {
+            **{"positions": 2, "triangles": 2, "packed": 2, "dropped": 0},
+            **{"counters": 1, "fragments": 2, "edges": 1, "tasks": 1},
+        }
+    ),
     "rasterize_new": _Operator({"positions": (2, 3), "triangles": 2}, _visibility),
     "setup": _Operator({"positions": 2, "triangles": 2}, _records),
     "binning": _Operator({"xy": 3, "bbox": 2}, _bins),

@@ -149,6 +149,16 @@ def rasterize(s: Source) -> Call:
     ), []
 
 
+def map_work(s: Source) -> Call:
+    height, width, cull, scissor = s.view()
+    h, w = (v if 0 <= v <= 64 else 8 for v in (height, width))
+    image, room = (64 * -(-h // 64), 64 * -(-w // 64)), s.size()  # of at most a bin, whose squares have 8, 16, 32 and 64 px
+    shapes = (h, w), (), COUNTS.shape, image, (64 + 16 + 4 + 1,), (room,)
+    variant, values = s.pick(*native.VARIANTS["cpu"], "auto"), s.pick([], [], [1], [5, 7], [2**40, 1], [0], [-1, 3])
+    outputs = (torch.zeros(shape, dtype=I64) for shape in shapes)
+    return (*s.mesh(), height, width, cull, scissor, variant, rung(s), values, *outputs), []
+
+
 def rasterize_new(s: Source) -> Call:
     batch = s.pick((), (s.size(3),))
     height, width, cull, scissor = s.view()

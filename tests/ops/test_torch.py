@@ -29,6 +29,13 @@ def tensors(name: str = "screen_size") -> tuple[torch.Tensor, torch.Tensor, tupl
     return torch.from_numpy(case.positions), torch.from_numpy(case.triangles), case.resolution
 
 
+def map_shapes(height: int, width: int) -> list[tuple[int, ...]]:
+    """Of what map_work adds to: counters, fragments, edges and tasks."""
+    rows, columns = -(-height // 64), -(-width // 64)
+    squares = [-(-64 * rows // (8 << k)) * -(-64 * columns // (8 << k)) for k in range(12)]
+    return [(len(native.COUNTERS),), (64 * rows, 64 * columns), (sum(squares[: squares.index(1) + 1]),), (100,)]
+
+
 def arguments(op: str) -> tuple:
     """Valid arguments of every operator, each stage fed by the one before."""
     positions, triangles, (height, width) = tensors()
@@ -54,6 +61,11 @@ def arguments(op: str) -> tuple:
             *(positions[None], triangles, height, width, "none", [0, 0, width, height], "bin_owned", "exact", 1, [], None, None),
             *(torch.empty_like(packed), torch.empty(packed.shape), torch.empty(1, dtype=torch.int64)),
             torch.zeros(len(native.COUNTERS), dtype=torch.int64),
+        ),
+        "map_work": (
+            *(positions, triangles, height, width, "none", [0, 0, width, height], "persistent", "exact", []),
+            *(torch.empty_like(packed[0]), torch.empty((), dtype=torch.int64)),
+            *(torch.zeros(shape, dtype=torch.int64) for shape in map_shapes(height, width)),
         ),
         "rasterize_new": (positions[None], triangles, height, width, "none", None, "exact", True),
         "setup": (positions, triangles, height, width, "none", [0, 0, width, height], "exact"),
