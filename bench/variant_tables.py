@@ -92,7 +92,7 @@ def versus(rows: Sequence[Row]) -> str:
         lines.append([scene, *cells])
     head = ["", *itertools.chain(*((f"{w}x{h}: A", "B") for w, h in sizes))]
     return (
-        f"A: `persistent` over `two_stage`. B: the fastest variant whose tasks own pixels, which they draw in memory of their own "
+        "A: `persistent` over `two_stage`. B: the fastest variant whose tasks own pixels, which they draw in memory of their own "
         f"and write once, over the fastest that lowers pixels of the image by atomic operations, `{standard}` left out. Below 1 "
         "the first one is ahead.\n\n" + markdown.table(head, lines)
     )
@@ -254,5 +254,5 @@ def stages(rows: Sequence[Row]) -> str:
     head = [f"us, {size}", *itertools.chain(*((f"{key.scene}, still", "moving") for key in cases))]
     what = "Each variant's kernels, by CUDA's profiler; those of one frame may overlap."
     if any(row.variant == "stages" for row in rows):
-        what = "The stages one by one as operators, on one thread, each with the output of the one before; their results go to memory."
+        what = "The stages one by one as operators, on one thread, each with what the one before has written to memory."
     return f"### Time in each stage\n\n{what}\n\n" + markdown.table(head, lines)
