@@ -51,7 +51,7 @@ void draw_record(const Record& r, const Frame& view, Counts* counts) {
   counts->add(Counter::rows, r.y1 - r.y0);
 }
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   clear_image(frame, parallel);
   parallel(shares_of(frame, values[0]), [&](int64_t i) {
     const Share share = share_of(frame, values[0], i);
@@ -67,7 +67,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 
 extern const Variant scanline_variant;
 const Variant scanline_variant = {"scanline", "a triangle a thread, row by row, with atomics: Sui's first pipeline",
-                                  kParameters, draw, /*shades=*/false};
+                                  kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri
