@@ -20,7 +20,7 @@ inline int64_t used_vertices(const CheckedFrame& frame) { return frame.count ? f
 
 // The views of a group, as a frame.
 struct ProjectedFrame : CheckedFrame {
-  const Vertex* vertices;  // null where triangles are so few that set-up projects their corners
+  const Vertex* vertices;  // null where set-up projects corners
   int64_t vertex_view;  // vertices from one view to the next; 0 if all views share them
   bool any_clipped;  // whether a triangle may cross a clip plane
 };
@@ -30,9 +30,9 @@ inline SetupJob setup_job(const ProjectedFrame& frame, int64_t view, bool skips_
   return {view_of(frame, view), (int32_t)view, vertices, frame.lowest, skips_empty};
 }
 
-// Projects the vertices of a frame's views to `vertices`, which has room for them, and returns the OR of their flags.
-inline uint32_t project_views(const CheckedFrame& frame, int64_t meshes, const Parallel& parallel, Vertex* vertices) {
-  const int64_t used = used_vertices(frame);
+// Projects the vertices of a frame's views, those of one after the other's, to `vertices`. Returns the OR of their flags.
+inline uint32_t project_views(const CheckedFrame& frame, const Parallel& parallel, Vertex* vertices) {
+  const int64_t used = used_vertices(frame), meshes = frame.view_stride ? frame.views : 1;
   // The vertices of a view are projected in pieces, some 4 per thread in all.
   const int64_t pieces = std::clamp<int64_t>(4 * parallel.threads / meshes, 1, used / 4096 + 1);
   std::atomic<uint32_t> flags{0};
@@ -46,18 +46,19 @@ inline uint32_t project_views(const CheckedFrame& frame, int64_t meshes, const P
   return flags.load();
 }
 
-// Calls body(first, group) for groups of views, the first of which is view `first`. memory: for their vertices.
+// Calls body(first, group) for groups of views; view `first` is the group's first one. memory: for the vertices of a
+// group. Where triangles have fewer corners than there are vertices, none is projected, and all views are one group.
 template <class Body>
 void each_group(const CheckedFrame& frame, const Parallel& parallel, Buffer* memory, Body body) {
-  const int64_t used = used_vertices(frame);
-  const int64_t most = used && frame.view_stride ? std::max<int64_t>(kGroupVertices / used, 1) : frame.views;
+  const int64_t used = used_vertices(frame), meshes = frame.view_stride ? frame.views : 1;
+  const bool projects = used && meshes * used <= 3 * triangles_of_all(frame);
+  const int64_t most = projects && frame.view_stride ? std::max<int64_t>(kGroupVertices / used, 1) : frame.views;
   for (int64_t first = 0; first < frame.views; first += most) {
     ProjectedFrame group = {frame, nullptr, frame.view_stride ? used : 0, true};
     static_cast<Frame&>(group) = views_of(frame, first, (int32_t)std::min(most, frame.views - first));
-    const int64_t meshes = frame.view_stride ? group.views : 1;
-    if (used && meshes * used <= 3 * triangles_of_all(group)) {
-      Vertex* const vertices = memory->room<Vertex>(meshes * used);
-      group.any_clipped = project_views(group, meshes, parallel, vertices) & kOutsideMask;
+    if (projects) {
+      Vertex* const vertices = memory->room<Vertex>((frame.view_stride ? group.views : 1) * used);
+      group.any_clipped = project_views(group, parallel, vertices) & kOutsideMask;
       group.vertices = vertices;
     }
     body(first, group);

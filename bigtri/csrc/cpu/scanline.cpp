@@ -57,7 +57,7 @@ void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* 
     const Share share = share_of(frame, values[0], i);
     const Frame view = view_of(frame, share.view);
     Counts counts;
-    set_up(frame, share, [&](const Record& r) { draw_record(r, view, &counts); });
+    set_up(frame, share, [&](Record r) { draw_record(r, view, &counts); });
     counts.publish_task(frame.counters);
   });
   write_depth_image(frame, parallel);

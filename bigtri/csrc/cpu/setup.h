@@ -22,9 +22,12 @@ struct SetupJob {
   bool skips_empty;  // whether tiny triangles that cover no pixel are looked for, and get no record
 };
 
+// A call, so that set-up from vertices that are projected has none of its code.
+__attribute__((noinline)) inline Vertex project_corner(const SetupJob& job, int64_t index) {
+  return project_vertex(job.frame.positions + 4 * index, job.frame.view.width, job.frame.view.height);
+}
 inline Vertex vertex_of(const SetupJob& job, int64_t index) {
-  return job.vertices ? job.vertices[index - job.first_vertex]
-                      : project_vertex(job.frame.positions + 4 * index, job.frame.view.width, job.frame.view.height);
+  return job.vertices ? job.vertices[index - job.first_vertex] : project_corner(job, index);
 }
 
 struct SetupKernels {
