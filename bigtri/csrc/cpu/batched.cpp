@@ -22,7 +22,7 @@ void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* 
     const Share share = share_of(frame, values[0], i);
     std::vector<Record> batch;
     set_up(frame, share, [&](const Record& r) { batch.push_back(r); });
-    Counts counts;
+    Counts counts(frame.map);
     for (const Record& r : batch) kernels.draw_box(r, pixels_of(frame, share.view), frame.view.width, &counts);
     counts.add(Counter::records, (int64_t)batch.size());
     counts.add(Counter::by_rows, (int64_t)batch.size());

@@ -115,6 +115,7 @@ class Drawing {
     job_.packed = frame.packed;
     job_.depth = frame.depth;
     job_.counters = frame.counters;
+    job_.map = frame.map;
     job_.streams_packed = stores.streams_packed;
     job_.streams_depth = stores.streams_depth;
     job_.rows_in_cache = stores.rows_in_cache;
@@ -245,7 +246,7 @@ class Drawing {
     std::fill(counts, counts + runs * bins, 0u);
     std::vector<int64_t> used(runs);
     parallel_(runs, [&](int64_t c) {
-      Counts work;
+      Counts work(frame_.map);
       used[c] = kernels_.bin(job, bounds[c], bounds[c + 1], pairs + pair_begin[c], counts + c * bins, &work);
       work.publish(frame_.counters);
     });

@@ -53,6 +53,7 @@ struct RasterJob {
   // Whether packed, and depth, are stored around the caches, which is faster only if the image does not fit them.
   bool streams_packed, streams_depth;
   int64_t rows_in_cache;  // px: whole rows of background below it are not, in either
+  WorkMap* map;  // out, added to by what counts: where a single view's work is done; or null
 };
 
 // Bytes of a worker's scratch memory: at least sizeof(Scratch) (bin_owned.inl), and few enough for a core's cache.

@@ -79,7 +79,7 @@ void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* 
     round.set_up(frame, parallel, [&](int64_t, const Record* r, Counts* counts) { bins.push(r, counts); });
     const std::vector<int64_t> order = longest_first(bins);
     parallel.with_slots((int64_t)order.size(), [&](int64_t i, int64_t slot) {
-      Counts counts;
+      Counts counts(frame.map);
       draw_bin(frame, bins, order[(size_t)i], &memory[(size_t)slot], &counts);
       counts.publish_task(frame.counters);
     });

@@ -47,7 +47,7 @@ class Pool {
   void work() {
     std::vector<int64_t> ready;
     for (int64_t i; (i = next_share_.fetch_add(1, std::memory_order_relaxed)) < round_->count;) {
-      Counts counts;
+      Counts counts(frame_.map);
       const auto push = [&](int64_t, const Record* r, Counts* c) {
         bins_.push(r, c, [&](int64_t bin, int64_t length) {
           if (length % batch_ == 0) ready.push_back(bin);
@@ -87,7 +87,7 @@ class Pool {
     const PersistentKernels& kernels = current_kernels().persistent;
     Owned& own = owned_[(size_t)bin];
     const Square square = square_of_bin(bin);
-    Counts counts;
+    Counts counts(frame_.map);
     alignas(64) int64_t patch[kBin * kBin];
     if (own.begun)
       load_square(square, patch);

@@ -37,7 +37,7 @@ void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* 
                                   middle_far.data() + share.view * middles,
                                   values[kEarlyZ] != 0,
                                   values[kSeparate] != 0};
-    Counts counts;
+    Counts counts(frame.map);
     set_up(frame, share, [&](const Record& r) { kernels.descend(r, target, &counts); });
     counts.publish_task(frame.counters);
   });

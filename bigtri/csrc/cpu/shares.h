@@ -78,7 +78,7 @@ struct Round {
   template <class Body>
   void set_up(const ProjectedFrame& frame, const Parallel& parallel, Body body) {
     parallel(count, [&](int64_t i) {
-      Counts counts;
+      Counts counts(frame.map);
       set_up_share(frame, i, body, &counts);
       counts.publish(frame.counters);
     });

@@ -80,7 +80,7 @@ class Lists {
       counts->add(Counter::candidates, 1);
       counts->add(Counter::bins_tested, 1);
       counts->add(Counter::bins_rejected, !kept);
-      counts->add(Counter::edges_64, 3);
+      counts->add_edges(Counter::edges_64, 3, bin_x * kBin, bin_y * kBin, kBin);
       if (!kept) continue;
       uint64_t touched, full;
       current_kernels().tile_owned.find_quads(r, bin_x, bin_y, &touched, &full, counts);
@@ -127,7 +127,7 @@ void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* 
     const Lists lists(frame, parallel, &round);
     const int64_t tasks = (lists.of_view() + together - 1) / together;
     parallel(round.views * tasks, [&](int64_t i) {
-      Counts counts;
+      Counts counts(frame.map);
       const int64_t first = i / tasks * lists.of_view(), begin = i % tasks * together;
       for (int64_t tile = begin; tile < std::min(begin + together, lists.of_view()); ++tile)
         lists.draw(frame, first + tile, clears, &counts);

@@ -68,7 +68,7 @@ void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* 
     BinQueues bins(frame, kWideBin, values[kRoom], round.first_view, round.views);
     round.set_up(frame, parallel, [&](int64_t, const Record* r, Counts* counts) { bins.push(r, counts); });
     parallel.with_slots(bins.count(), [&](int64_t bin, int64_t slot) {
-      Counts counts;
+      Counts counts(frame.map);
       push_to_tiles(bins, bin, &memory[(size_t)slot], &counts);
       draw_tiles(frame, bins.spot(bin), &memory[(size_t)slot], &counts);
       counts.publish_task(frame.counters);

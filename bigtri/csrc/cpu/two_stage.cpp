@@ -36,13 +36,13 @@ void list_pairs(const Record& r, int32_t record, std::vector<Pair>* pairs, Count
   for (int i = 0; i < box.count; ++i) {
     const int x = box.x + i % box.columns, y = box.y + i / box.columns;
     EdgesInBin edges;
+    counts->add_edges(Counter::edges_64, 3, x * kBin, y * kBin, kBin);
     if (edges_in_bin(r, x, y, &edges)) pairs->push_back({record, (int16_t)x, (int16_t)y});
   }
   const int64_t kept = (int64_t)(pairs->size() - before);
   counts->add(Counter::candidates, box.count);
   counts->add(Counter::bins_tested, box.count);
   counts->add(Counter::bins_rejected, box.count - kept);
-  counts->add(Counter::edges_64, 3 * box.count);
   counts->add(Counter::entries, kept);
   counts->add(Counter::bytes, kept * (int64_t)sizeof(Pair));
 }
@@ -64,7 +64,7 @@ void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* 
       }
     parallel((int64_t)blocks.size(), [&](int64_t i) {
       const Block& block = blocks[(size_t)i];
-      Counts counts;
+      Counts counts(frame.map);
       for (const Pair* p = block.begin; p < block.end; ++p) {
         const Record& r = block.records[p->record];
         kernels.draw_bin(r, p->bin_x, p->bin_y, pixels_of(frame, r.view), frame.view.width, &counts);
