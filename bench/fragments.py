@@ -165,8 +165,6 @@ class Scene:
 
     def rows(self, seconds: float, where: Mapping[str, str]) -> list[Row]:
         self.check()
-        calls = {f"draw {way}": partial(self.draw, way) for way in WAYS} | {way: partial(self.picture, way) for way in WAYS}
-        times = in_turns(calls, seconds, self.device)
         differing = {}
         for way in WAYS:
             self.picture(way)
@@ -174,6 +172,8 @@ class Scene:
             if way == "packed":
                 first, bits = image, packed
             differing[way] = int(((packed != bits) if way == "locked" else (image != first)).sum())
+        calls = {f"draw {way}": partial(self.draw, way) for way in WAYS} | {way: partial(self.picture, way) for way in WAYS}
+        times = in_turns(calls, seconds, self.device)
         height, width = self.size
         fragments, covered = self.fragments(), int((first != 0).sum())
         return [
