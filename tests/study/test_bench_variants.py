@@ -112,12 +112,31 @@ def test_tables_of_scenes():
 
 
 def test_tables_of_settings():
-    def swept(us: float, setting: str, stored: int) -> rows_of.Row:
-        return row("S1", "a", us, {"bytes": stored}, setting=setting, part="parameters")
+    def swept(scene: str, us: float, setting: str, stored: int) -> rows_of.Row:
+        return row(scene, "a", us, {"bytes": stored}, setting=setting, part="parameters")
 
-    rows = [swept(10, "standard", 50), swept(15, "x=9", 50), swept(5, "x=10", 2000), swept(5, "x=11", 3)]
-    lines = tables.parameters(rows).splitlines()[-3:]
-    assert lines == ["| a | `x` | 9 | 1.5 |", "| a | `x` | 10 | 0.5 (2 kB) |", "| a | `x` | 11 | 0.5 (3 B) |"]
+    rows = [swept("S1", *each) for each in ((10, "standard", 50), (15, "x=9", 50), (5, "x=10", 2000), (9, "x=11", 3))]
+    rows += [swept("S2", *each) for each in ((10, "standard", 50), (11, "x=9", 50))]
+    rows += [swept("S1", 11, "y=1", 50)]  # matters little
+    few, every = (part.splitlines() for part in tables.parameters(rows).split("\n\n")[3::2])
+    assert few == [
+        "| variant, 64x32 | parameter | S1 | S2 |",
+        "| --- | --: | --: | --: |",
+        "| a | `x` | 10: 0.5, 9: 1.5 | 9: 1.1 |",
+        "| a | `y` | 1: 1.1 | - |",
+    ]
+    assert every[2:] == ["| a | `x` | 9 | 1.5 | 1.1 |", "| a | `x` | 10 | 0.5 (2 kB) | - |", "| a | `x` | 11 | 0.9 (3 B) | - |"]
+    assert len(tables.parameters([rows[0], rows[-1]]).split("\n\n")) == 4
+
+
+def test_tables_of_two_designs():
+    us = {"bin_owned": 1, "two_stage": 10, "persistent": 5, "scanline": 8, "tile_owned": 4}
+    rows = [row("S1", name, each, {}) for name, each in us.items()] + [
+        row("S2", "bin_owned", 1, {}),
+        row("S2", "scanline", 1, {}),
+    ]
+    assert tables.versus(rows).splitlines()[-2:] == ["| S1 | 0.5 | 0.5 |", "| S2 | - | - |"]
+    assert "`bin_owned` left out" in tables.versus(rows)
 
 
 def test_tables_of_distances():
@@ -141,6 +160,17 @@ def test_tables_of_motion_and_stages():
             row("R", variant, us, {}, setting=f"{each} {stage}", part="stages") for us, each in ((10, "still"), (15, "moving"))
         ]
         assert tables.stages(rows).splitlines()[-1] == f"| {shown} | 10 | 15 |"
+
+
+def test_tables_of_predictions():
+    def case(scene: str, setting: str, *us: float) -> list[rows_of.Row]:
+        return [row(scene, name, each, {}, setting=setting, part="prediction") for name, each in zip("abc", us, strict=True)]
+
+    rows = case("R", "predicted", 1000, 2000, 3000) + case("R", "measured", 2000, 1000, 1050)
+    rows += case("Q", "predicted", 1000, 2000, 3000) + case("Q", "measured", 3000, 4000, 5000)
+    text = tables.prediction(rows)
+    assert text.splitlines()[-4:-2] == ["| R, 64x32, predicted | 1 | 2 | 3 |", "| R, 64x32, measured | 2 | 1 | 1.05 |"]
+    assert "in 1 of 2 cases" in text and "in 3 of 5 pairs" in text
 
 
 def test_a_camera_goes_around():
@@ -251,13 +281,14 @@ def test_the_whole(tmp_path, monkeypatch, capsys):
         "| R4k |",
         "S2, 320x240",
         "What a unit of work costs",
-        "| scanline | `share` | 64 |",
+        "| scanline | `share` |",
         "| 0.5 |",
         "| tile_mask |",
     ):
         assert part in text
     page.write_text("<!-- variants cpu: begin -->\n<!-- variants cpu: end -->\n")
-    options = ["--rows", str(kept), "--docs", str(page), "--predict", "R16k-far", "--size", "96x64", "--seconds", "0"]
+    options = ["--rows", str(kept), "--predict", "R16k-far", "--size", "96x64", "--seconds", "0"]
+    options += ["--csv", str(tmp_path / "more.csv"), "--docs", str(page)]
     monkeypatch.setattr(cases_of.Case, "measure", lambda *_, **__: pytest.fail("measured before it was predicted"))
     with pytest.raises(pytest.fail.Exception):
         variants.main(options)
@@ -266,8 +297,17 @@ def test_the_whole(tmp_path, monkeypatch, capsys):
     assert variants.main(options) == 0
     predicted, measured = capsys.readouterr().out.splitlines()
     assert all(f"{name} " in predicted and f"{name} " in measured for name in names)
+    assert "| R16k-far, 96x64, predicted |" in page.read_text()
+    more = rows_of.read(tmp_path / "more.csv")
+    assert more[: len(rows)] == rows and [one.setting for one in more[len(rows) :: len(names)]] == ["predicted", "measured"]
+    options[1] = str(tmp_path / "more.csv")
+    assert variants.main(options) == 0 and len(rows_of.read(tmp_path / "more.csv")) == len(more)  # in place of the one before
+    capsys.readouterr()
     with pytest.raises(SystemExit, match="S2 is in the report"):
         variants.main(["--rows", str(kept), "--predict", "S2"])
+    rows_of.write(kept, [one for one in rows if one.part == "distance"])
+    with pytest.raises(SystemExit, match="R4k is in the report"):
+        variants.main(["--rows", str(kept), "--predict", "R4k"])
 
 
 def test_the_time_is_over(tmp_path, capsys):
