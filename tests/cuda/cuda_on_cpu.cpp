@@ -336,14 +336,13 @@ cudaError_t cudaGraphAddKernelNode(cudaGraphNode_t* node, cudaGraph_t graph, con
   *node = &graph->nodes.back();
   return cudaSuccess;
 }
+#if CUDART_VERSION < 13000
+#define cudaGraphAddDependencies cudaGraphAddDependencies_v2
+#endif
 cudaError_t cudaGraphAddDependencies(cudaGraph_t graph, const cudaGraphNode_t* from, const cudaGraphNode_t* to,
                                      const cudaGraphEdgeData* edge, size_t count) {
   ++graph->edges;
   return count == 1 && (*from)->place + 1 == (*to)->place && edge->type == 0 ? cudaSuccess : cudaErrorInvalidValue;
-}
-cudaError_t cudaGraphAddDependencies_v2(cudaGraph_t graph, const cudaGraphNode_t* from, const cudaGraphNode_t* to,
-                                        const cudaGraphEdgeData* edge, size_t count) {
-  return cudaGraphAddDependencies(graph, from, to, edge, count);
 }
 cudaError_t cudaGraphInstantiate(cudaGraphExec_t* exec, cudaGraph_t graph, unsigned long long) {
   if (graph->edges + 1 != graph->nodes.size()) return cudaErrorInvalidValue;
