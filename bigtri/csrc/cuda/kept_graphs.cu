@@ -51,7 +51,8 @@ struct Kept {
   }
 };
 
-// The last used ones, the last one first; torch has 32 streams. Nothing destroys them when the process ends: the device may be gone by then.
+// The last used ones, the last one first; torch has 32 streams. Nothing destroys them when the process ends: the device
+// may be gone by then.
 constexpr size_t kMostKept = 128;
 std::mutex mutex;
 std::list<Kept> kept;
