@@ -38,6 +38,7 @@ constexpr Way way_of(int64_t each) {
 
 struct Sharing {
   int each;  // triangles of a block
+  bool spread;  // they lie as far apart in the list as they can
   uint32_t blocks;  // of a view, if all draw the same triangles
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
@@ -58,10 +59,17 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
   const double pixels = pixels_each(f);
   if (total > resident * kOfEven)  // more blocks than the device holds even out by themselves
     return projected && pixels <= kTinyPixels && total > resident * kOfEven * 4 ? kOfTested : kOfApart;
+  if (f.views == 1 && total > resident * kMostTogether / 2) return pixels < kSmallPixels ? kOfApart : kOfEven;
   if (total > resident * (pixels >= kSmallPixels ? kMostTogether : kMostTogether / 2)) return kOfEven;
   int each = 4;
   while (each < kWarp && total > resident * each) each *= 2;
   return each;
+}
+
+// Neighbours in the list are alike: in size, and what has to be clipped comes in rows. Blocks of neighbours have far
+// more to do than others, which evens out only where there are many for each place on the device; they read less memory.
+inline bool are_spread(const Frame& f, Way way, int64_t resident) {
+  return way == Way::kEven || (f.views == 1 && triangles_of_all(f) <= resident * kOfEven * 4);
 }
 
 // Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones. Nor do
@@ -84,6 +92,7 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   int resident;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), block_threads(Way::kEven), 0, &resident));
   s->each = each > 0 ? (int)each : share_size(f, resident, projected);
+  s->spread = are_spread(f, way_of(s->each), resident);
   s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
   s->ranges = ranges;
   *blocks = (int64_t)s->blocks * f.views;
@@ -121,11 +130,8 @@ cudaError_t with_way(Way way, const Launch& launch) {
   }
 }
 
-// A block's share of a view's triangles. Together: first, first + step, ..., `count` of them. Else `each` in a row for
-// each warp, from first, first + step, ... on, as far as `count` reaches from the first one.
-//
-// Where warps draw together or help each other, a block's triangles lie as far apart in the list as they can: neighbours
-// are alike in size, and what has to be clipped comes in rows.
+// A block's share of a view's triangles: first, first + step, ..., `count` of them, 32 for each warp where it has its own.
+// Tested and queued: warps' parts begin at first, first + step, ..., each of triangles in a row.
 struct Share {
   int32_t view, first, step, count;
 };
@@ -164,16 +170,15 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
     block -= (uint32_t)share.view * blocks;
   }
   // A list may be as long as int32 counts.
-  if (kWay == Way::kTogether) {
+  if (kWay == Way::kTogether || ((kWay == Way::kEven || kWay == Way::kApart) && s.spread)) {
     share.first += (int32_t)block;
     share.step = (int32_t)blocks;
     share.count = (all - 1 - (int32_t)block) / (int32_t)blocks + 1;
   } else {
-    const int each = s.each / block_warps(kWay);
-    const int32_t before = (int32_t)block * (kWay == Way::kEven ? each : s.each);
+    const int32_t before = (int32_t)block * s.each;
     share.first += before;
-    share.step = kWay == Way::kEven ? (int32_t)blocks * each : each;
-    share.count = kWay == Way::kEven ? all - before : min_of(s.each, all - before);
+    share.step = kWay == Way::kTested || kWay == Way::kQueued ? s.each / block_warps(kWay) : 1;
+    share.count = min_of(s.each, all - before);
   }
   return share;
 }
