@@ -288,9 +288,14 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   if (kWay == Way::kTested) search->begin(begin);
 #pragma unroll 1
   do {
-    const int place = kTogether ? lane_id() : warp * kWarp + lane_id();  // of the lane's triangle in the share
-    int32_t t = kInParts ? begin + lane_id() : share.first + place * share.step;
-    int count = kInParts ? end - begin : kTogether ? (warp == 0 ? share.count : 0) : share.count - warp * kWarp;
+    int32_t t = kTogether ? share.first + lane_id() * share.step : begin + lane_id();
+    int count = kTogether ? (warp == 0 ? share.count : 0) : end - begin;
+    if (kWay == Way::kEven || kWay == Way::kApart) {
+      const int place = warp * kWarp + lane_id(), log = sharing.log_neighbours;
+      const int64_t offset = (int64_t)(place >> log) * share.step + (place & ((1 << log) - 1));
+      t = share.first + (int32_t)offset;
+      count = __popc(__ballot_sync(kAllLanes, offset < share.count));
+    }
     if (kWay == Way::kTested) {
       count = find_waiting(f, own_projected, end, search);
       t = search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))];
