@@ -203,7 +203,8 @@ def distance(rows: Sequence[Row]) -> str:
         variants = list(by_variant(itertools.chain(*cases)))
         lines = [[f"{distance_of(c):g}", px(c), *ratios(c, variants)[1:]] for c in cases]
         parts += [markdown.table([f"{name}, {cases[0][0].key.size}, distance", "px a triangle", "fastest, ms", *variants], lines)]
-        parts += [f"Changes of places, of variants more than 10 % apart: {changes(cases, variants) or 'none'}."]
+        fallen = changes(cases, variants) or "none"
+        parts += [f"What is more than 10 % ahead of another nearer by falls as much behind it farther away: {fallen}."]
     return "\n\n".join(parts)
 
 
@@ -218,16 +219,19 @@ def px(of_case: Sequence[Row]) -> str:
 
 
 def changes(cases: Sequence[Sequence[Row]], variants: Sequence[str]) -> str:
-    """Of which two variants one is ahead near by and the other far away."""
+    """Which variants fall behind which others as the camera goes away, and from what distance on."""
     ms = [{row.variant: row.us for row in of_case} for of_case in cases]
-    found = []
+    behind: dict[str, dict[float, list[str]]] = {}
     for a, b in itertools.permutations(variants, 2):
         both = [(distance_of(case), us[a], us[b]) for case, us in zip(cases, ms, strict=True) if a in us and b in us]
         first = [at for at, us_a, us_b in both if us_b > APART * us_a]
         then = [at for at, us_a, us_b in both if us_a > APART * us_b]
         if first and then and max(first) < min(then):
-            found.append(f"{a} is ahead of {b} up to {max(first):g}, behind from {min(then):g} on")
-    return "; ".join(found)
+            behind.setdefault(a, {}).setdefault(min(then), []).append(b)
+    lines = []
+    for a, others in behind.items():
+        lines.append(f"`{a}` behind " + ", ".join(f"{' and '.join(others[at])} from {at:g} on" for at in sorted(others)))
+    return "; ".join(lines)
 
 
 def motion(rows: Sequence[Row]) -> str:
