@@ -113,24 +113,15 @@ class Case:
     ) -> list[Row]:
         """Rows of all settings, which take turns. seconds: of the clock, for each of them."""
         equal = self.able(settings)
-        slow: dict[tune.Setting, clock.Timing] = {}
-        for setting in equal:
-            start = time.perf_counter()
-            self.draw(setting)
-            self.finish()
-            if (once := time.perf_counter() - start) > SLOW[self.device]:
-                slow[setting] = clock.summary([once * 1e3])
-        quick = [setting for setting in equal if setting not in slow]
-        calls = {str(number): partial(self.draw, setting) for number, setting in enumerate(quick)}
-        ms = clock.interleaved(calls, seconds * len(quick), AT_LEAST, device=self.device)
-        timings = slow | {setting: clock.summary(ms[str(number)]) for number, setting in enumerate(quick)}
+        calls = {name_of(setting): partial(self.draw, setting) for setting in equal}
+        timings = in_turns(calls, seconds, self.device)
         return [
             Row(
                 part,
                 *self.known,
                 setting.variant,
                 " ".join(f"{name}={value}" for name, value in setting.parameters) or STANDARD * (part == "parameters"),
-                timings[setting],
+                timings[name_of(setting)],
                 equal[setting],
                 self.counted(setting) if count else {},
                 self.scratch(setting),
@@ -164,6 +155,21 @@ class Case:
     def finish(self) -> None:
         if self.device == "cuda":
             torch.cuda.synchronize()
+
+
+def in_turns(calls: Mapping[str, Callable[[], object]], seconds: float, device: str) -> dict[str, clock.Timing]:
+    """Times of calls that take turns, so many seconds each. What is slow is drawn once more, and has that one's time."""
+    slow: dict[str, clock.Timing] = {}
+    for name, call in calls.items():
+        start = time.perf_counter()
+        call()
+        if device == "cuda":
+            torch.cuda.synchronize()
+        if (once := time.perf_counter() - start) > SLOW[device]:
+            slow[name] = clock.summary([once * 1e3])
+    quick = {name: call for name, call in calls.items() if name not in slow}
+    ms = clock.interleaved(quick, seconds * len(quick), AT_LEAST, device=device)
+    return slow | {name: clock.summary(found) for name, found in ms.items()}
 
 
 def name_of(setting: tune.Setting) -> str:
@@ -248,8 +254,13 @@ class Moving(Case):
             expected = self.packed.clone()
             same = torch.equal(self.frame_by_stages(lambda stage, call: call()), expected)
             return self.rows_of_stages("stages", self.one_by_one(), same, where)
-        found = ((setting, self.kernels(setting)) for setting in equal)
-        return [row for setting, ms in found for row in self.rows_of_stages(setting.variant, ms, equal[setting], where)]
+        rows = []
+        for setting in equal:
+            try:
+                rows += self.rows_of_stages(setting.variant, self.kernels(setting), equal[setting], where)
+            except RuntimeError as error:
+                print(f"{self.key.scene} {self.key.size}: {setting.variant}: kernels left out: {error}")
+        return rows
 
     def rows_of_stages(self, variant: str, ms: Stages, equal: bool, where: Mapping[str, str]) -> list[Row]:
         return [

@@ -37,7 +37,8 @@ def scenes(rows: Sequence[Row]) -> str:
     sizes = sorted({(row.key.width, row.key.height) for row in rows})
     parts += [times_table(rows, *size) for size in sizes]
     cases = by_case(rows)
-    parts += ["### Memory of queues, lists and levels", memory_table(rows)]
+    if any(row.counters or row.scratch is not None for row in rows):
+        parts += ["### Memory of queues, lists and levels", memory_table(rows)]
     if any(row.counters for row in rows):
         parts += ["### Work"]
         parts += [work_table(of_case) for key, of_case in cases.items() if key[1:] == SIZE and key.scene in SHOWN.split(",")]
@@ -65,7 +66,7 @@ def memory_table(rows: Sequence[Row]) -> str:
     variants = list(by_variant(rows))
     largest = max((row.key.width, row.key.height) for row in rows)
     lines = []
-    for key, of_case in by_case(rows).items():
+    for key, of_case in by_case(row for row in rows if row.counters or row.scratch is not None).items():
         if key[1:] in (SIZE, largest) and key.scene in SHOWN.split(","):
             taken = {row.variant: row.counters.get("bytes", 0) if row.scratch is None else row.scratch for row in of_case}
             lines.append([f"{key.scene}, {key.size}", *(many(taken[v]) if v in taken else "-" for v in variants)])

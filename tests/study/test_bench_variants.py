@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from bigtri import native
 from bigtri.study import clock, meshes, tune
@@ -97,9 +98,15 @@ def test_tables_of_scenes():
     a, b = tables.work_table(rows).splitlines()[-2:]
     assert a.startswith("| a | 2.5 | 1.5 k | 0 |") and a.endswith("| 0 |  |")
     assert b.startswith("| b | 1 | 7 |") and b.endswith("| 0 | 1.6 |")
-    rows = [row("S2", "a", 5, {"bytes": 12_000}), row("S2", "b", 5, {}), row("S3", "a", 5, {"bytes": 9}), row("S9", "a", 5, {})]
+    rows = [
+        row("S2", "a", 5, {"bytes": 12_000}),
+        row("S2", "b", 5, {"rows": 1}),
+        row("S3", "a", 5, {"bytes": 9}),
+        row("S9", "a", 5, {}),
+    ]
     text = tables.memory_table(rows)
     assert text.splitlines()[-2:] == ["| S2, 64x32 | 12 k | 0 |", "| S3, 64x32 | 9 | - |"] and "that a call stores" in text
+    assert tables.memory_table([*rows, row("S5", "a", 5, {})]) == text  # where nobody has counted there is no line
     text = tables.memory_table([one._replace(scratch=2000) for one in rows])
     assert "| S2, 64x32 | 2 k | 2 k |" in text and "the device's allocator" in text
 
@@ -181,6 +188,25 @@ def test_kernels_by_frame(monkeypatch):
     }
     with pytest.raises(RuntimeError, match="saw 3 copies of positions, not 4"):
         cases_of.stages_of(events[:-4])
+
+
+def test_kernels_that_nobody_saw_are_said(monkeypatch, capsys):
+    case = cases_of.Moving(rows_of.Key("R4k", 64, 48), "cpu")
+    case.device = "cuda"
+    monkeypatch.setattr(torch.cuda, "synchronize", lambda: None)
+
+    def kernels(setting):
+        if setting.variant == "scanline":
+            raise RuntimeError("no copies")
+        return {("still", "draw"): [1.0, 3.0], ("moving", "draw"): [5.0]}
+
+    monkeypatch.setattr(case, "kernels", kernels)
+    rows = case.stages(["bin_owned", "scanline"], WHERE)
+    assert [(one.variant, one.setting, one.timing.median) for one in rows] == [
+        ("bin_owned", "still draw", 2.0),
+        ("bin_owned", "moving draw", 5.0),
+    ]
+    assert capsys.readouterr().out == "R4k 64x48: scanline: kernels left out: no copies\n"
 
 
 def test_what_the_device_refuses_is_said(monkeypatch, capsys):
