@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import markdown
 from variant_cases import STANDARD
@@ -11,11 +12,22 @@ from variant_costs import PAID, check, fit
 from variant_rows import PARTS, Key, Row, by_case, by_variant, many, text_of
 
 from bigtri.check import counters
+from bigtri.reference.variants import MODELS
 
 SIZE = (1920, 1080)  # of what is not shown at every size
 SHOWN = "R16k-close,R100k,S2,S3,S4b,S5"  # scenes whose work is shown
 WORK = ("entries", "bytes", "tiles_tested", "tiles_empty", "edges_64", "edges_32", "rows", "fragments", "passed", "atomics")
 APART = 1.1  # times another's time: what is nearer than that has no order
+MATTERS = 1.25  # times the time that another value takes: all values of such a parameter are shown
+SWEPT = (
+    "One parameter at a time, the others at their standard values: all values that it may have if they are few, else up to two "
+    "steps of a factor of four to either side of the standard one."
+)
+MOTION = (
+    "A camera goes around what it looks at, 3 degrees a frame, and draws every frame twice. The first time another camera's "
+    "frame was drawn before (moving), so that queues, caches and branches have seen other triangles at other places; the second "
+    "time the same one (still). The positions are written anew before either."
+)
 NOTE = "Medians of rounds in which all take turns; what takes more than {} s drew twice."
 
 
@@ -36,6 +48,7 @@ def scenes(rows: Sequence[Row]) -> str:
     parts = ["### Time: the fastest variant, and how many times as long each takes"]
     sizes = sorted({(row.key.width, row.key.height) for row in rows})
     parts += [times_table(rows, *size) for size in sizes]
+    parts += ["### `persistent` against `two_stage`, own pixels against atomics", versus(rows)]
     cases = by_case(rows)
     if any(row.counters or row.scratch is not None for row in rows):
         parts += ["### Memory of queues, lists and levels", memory_table(rows)]
@@ -59,6 +72,30 @@ def ratios(of_case: Sequence[Row], variants: Sequence[str]) -> list[str]:
     best = min(ms.values())
     cells = ("-" if v not in ms else text_of(ms[v] / best) if ms[v] > best else "**1**" for v in variants)
     return [of_case[0].key.scene, text_of(best), *cells]
+
+
+def versus(rows: Sequence[Row]) -> str:
+    """Two designs, and two kinds of designs, that others have compared; a scene a line."""
+    standard = rows[0].variant
+    sizes = sorted({(row.key.width, row.key.height) for row in rows})
+    cases = by_case(rows)
+    lines = []
+    for scene in dict.fromkeys(row.key.scene for row in rows):
+        cells = []
+        for size in sizes:
+            us = {row.variant: row.us for row in cases.get(Key(scene, *size), []) if row.variant != standard}
+            own = [us[v] for v in us if MODELS[v].OWNS_PIXELS]
+            anyone = [us[v] for v in us if not MODELS[v].OWNS_PIXELS]
+            both = us.get("persistent"), us.get("two_stage")
+            cells.append(text_of(both[0] / both[1]) if both[0] and both[1] else "-")
+            cells.append(text_of(min(own) / min(anyone)) if own and anyone else "-")
+        lines.append([scene, *cells])
+    head = ["", *itertools.chain(*((f"{w}x{h}: A", "B") for w, h in sizes))]
+    return (
+        "A: `persistent` over `two_stage`. B: the fastest variant whose tasks own pixels, which they draw in memory of their own "
+        f"and write once, over the fastest that lowers pixels of the image by atomic operations, `{standard}` left out. Below 1 "
+        "the first one is ahead.\n\n" + markdown.table(head, lines)
+    )
 
 
 def memory_table(rows: Sequence[Row]) -> str:
@@ -101,27 +138,53 @@ def costs_table(rows: Sequence[Row]) -> str:
     )
 
 
+class Tried(NamedTuple):
+    """A value of a parameter on one scene."""
+
+    value: int
+    ratio: float  # of the time to that with the standard value
+    stored: str  # bytes, where they are others than with the standard value
+
+
 def parameters(rows: Sequence[Row]) -> str:
-    """Times of the standard value's time, of each scene; and with it bytes, where they depend on the value."""
-    cases = by_case(rows)
+    """How much each parameter matters, and all values of those that do."""
+    scenes_of = list(by_case(rows))
+    curves: dict[tuple[str, str], dict[Key, list[Tried]]] = {}
     standard = {(row.key, row.variant): row for row in rows if row.setting == STANDARD}
-    settings: dict[tuple[str, str, int], dict[Key, str]] = {}
     for row in rows:
         if row.setting != STANDARD:
             name, _, value = row.setting.partition("=")
-            first = standard[row.key, row.variant]
-            cell = text_of(row.us / first.us)
-            stored, before = (one.counters.get("bytes", 0) if one.scratch is None else one.scratch for one in (row, first))
-            if stored != before:
-                cell += f" ({many(stored)}B)" if stored >= 1000 else f" ({stored} B)"
-            settings.setdefault((row.variant, name, int(value)), {})[row.key] = cell
-    lines = [
-        [variant, f"`{name}`", value, *(settings[variant, name, value].get(key, "-") for key in cases)]
-        for variant, name, value in sorted(settings)
-    ]
-    size = next(iter(cases)).size
-    head = "### Parameters: times the time of the standard value, and bytes where they are others than with that"
-    return f"{head}\n\n" + markdown.table([f"variant, {size}", "parameter", "value", *(key.scene for key in cases)], lines)
+            tried = tried_of(int(value), row, standard[row.key, row.variant])
+            curves.setdefault((row.variant, name), {}).setdefault(row.key, []).append(tried)
+    most: list[list[object]] = []
+    every: list[list[object]] = []
+    for (variant, name), curve in sorted(curves.items()):
+        ends = {key: ends_of(each) for key, each in curve.items()}
+        cells = (", ".join(f"{t.value}: {text_of(t.ratio)}" for t in ends.get(key, [])) or "-" for key in scenes_of)
+        most.append([variant, f"`{name}`", *cells])
+        if max(max(each[-1].ratio, 1) / min(each[0].ratio, 1) for each in ends.values()) >= MATTERS:
+            cells_of = {(key, t.value): text_of(t.ratio) + t.stored for key, each in curve.items() for t in each}
+            for one in sorted({number for _, number in cells_of}):
+                every.append([variant, f"`{name}`", one, *(cells_of.get((key, one), "-") for key in scenes_of)])
+    names = [key.scene for key in scenes_of]
+    parts = ["### Parameters: times the time of the standard value", SWEPT, "The value with the least and with the most time:"]
+    parts += [markdown.table([f"variant, {scenes_of[0].size}", "parameter", *names], most)]
+    if every:
+        parts += [f"All values of those that change a time by a factor of {MATTERS}, and bytes where they are others:"]
+        parts += [markdown.table(["variant", "parameter", "value", *names], every)]
+    return "\n\n".join(parts)
+
+
+def ends_of(curve: Sequence[Tried]) -> list[Tried]:
+    """The values with the least and with the most time, one where there are no others."""
+    in_order = sorted(curve, key=lambda tried: tried.ratio)
+    return [in_order[0], *in_order[1:][-1:]]
+
+
+def tried_of(value: int, row: Row, standard: Row) -> Tried:
+    stored, before = (one.counters.get("bytes", 0) if one.scratch is None else one.scratch for one in (row, standard))
+    text = f" ({many(stored)}B)" if stored >= 1000 else f" ({stored} B)"
+    return Tried(value, row.us / standard.us, text if stored != before else "")
 
 
 def distance(rows: Sequence[Row]) -> str:
@@ -173,7 +236,7 @@ def motion(rows: Sequence[Row]) -> str:
         lines.append([variant, *cells])
     size = next(iter(cases)).size
     head = [f"frame, {size}", *itertools.chain(*((f"{key.scene}, ms, still", "moving, times") for key in cases))]
-    return "### A camera that stands, and one that moves\n\n" + markdown.table(head, lines)
+    return f"### A camera that stands, and one that moves\n\n{MOTION}\n\n" + markdown.table(head, lines)
 
 
 def stages(rows: Sequence[Row]) -> str:
@@ -189,4 +252,7 @@ def stages(rows: Sequence[Row]) -> str:
         lines.append([f"{variant}: {stage}" if variant != "stages" else stage, *cells])
     size = next(iter(cases)).size
     head = [f"us, {size}", *itertools.chain(*((f"{key.scene}, still", "moving") for key in cases))]
-    return "### Time in each stage\n\n" + markdown.table(head, lines)
+    what = "Each variant's kernels, by CUDA's profiler; those of one frame may overlap."
+    if any(row.variant == "stages" for row in rows):
+        what = "The stages one by one as operators, on one thread, each with what the one before has written to memory."
+    return f"### Time in each stage\n\n{what}\n\n" + markdown.table(head, lines)

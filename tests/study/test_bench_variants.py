@@ -112,12 +112,31 @@ def test_tables_of_scenes():
 
 
 def test_tables_of_settings():
-    def swept(us: float, setting: str, stored: int) -> rows_of.Row:
-        return row("S1", "a", us, {"bytes": stored}, setting=setting, part="parameters")
+    def swept(scene: str, us: float, setting: str, stored: int) -> rows_of.Row:
+        return row(scene, "a", us, {"bytes": stored}, setting=setting, part="parameters")
 
-    rows = [swept(10, "standard", 50), swept(15, "x=9", 50), swept(5, "x=10", 2000), swept(5, "x=11", 3)]
-    lines = tables.parameters(rows).splitlines()[-3:]
-    assert lines == ["| a | `x` | 9 | 1.5 |", "| a | `x` | 10 | 0.5 (2 kB) |", "| a | `x` | 11 | 0.5 (3 B) |"]
+    rows = [swept("S1", *each) for each in ((10, "standard", 50), (15, "x=9", 50), (5, "x=10", 2000), (9, "x=11", 3))]
+    rows += [swept("S2", *each) for each in ((10, "standard", 50), (11, "x=9", 50))]
+    rows += [swept("S1", 11, "y=1", 50)]  # matters little
+    few, every = (part.splitlines() for part in tables.parameters(rows).split("\n\n")[3::2])
+    assert few == [
+        "| variant, 64x32 | parameter | S1 | S2 |",
+        "| --- | --: | --: | --: |",
+        "| a | `x` | 10: 0.5, 9: 1.5 | 9: 1.1 |",
+        "| a | `y` | 1: 1.1 | - |",
+    ]
+    assert every[2:] == ["| a | `x` | 9 | 1.5 | 1.1 |", "| a | `x` | 10 | 0.5 (2 kB) | - |", "| a | `x` | 11 | 0.9 (3 B) | - |"]
+    assert len(tables.parameters([rows[0], rows[-1]]).split("\n\n")) == 4
+
+
+def test_tables_of_two_designs():
+    us = {"bin_owned": 1, "two_stage": 10, "persistent": 5, "scanline": 8, "tile_owned": 4}
+    rows = [row("S1", name, each, {}) for name, each in us.items()] + [
+        row("S2", "bin_owned", 1, {}),
+        row("S2", "scanline", 1, {}),
+    ]
+    assert tables.versus(rows).splitlines()[-2:] == ["| S1 | 0.5 | 0.5 |", "| S2 | - | - |"]
+    assert "`bin_owned` left out" in tables.versus(rows)
 
 
 def test_tables_of_distances():
@@ -251,7 +270,7 @@ def test_the_whole(tmp_path, monkeypatch, capsys):
         "| R4k |",
         "S2, 320x240",
         "What a unit of work costs",
-        "| scanline | `share` | 64 |",
+        "| scanline | `share` |",
         "| 0.5 |",
         "| tile_mask |",
     ):

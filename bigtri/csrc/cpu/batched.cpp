@@ -15,7 +15,7 @@ namespace {
 constexpr Parameter kParameters[] = {{"batch", "triangles", "triangles that a task takes at a time", 32, 1, 1 << 20},
                                      {}};
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   clear_image(frame, parallel);
   const BatchedKernels& kernels = current_kernels().batched;
   parallel(shares_of(frame, values[0]), [&](int64_t i) {
@@ -35,7 +35,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 
 extern const Variant batched_variant;
 const Variant batched_variant = {"batched", "32 triangles a block, threads stride over the bounding box: Splatshop's",
-                                 kParameters, draw, /*shades=*/false};
+                                 kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

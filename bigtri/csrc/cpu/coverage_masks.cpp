@@ -42,7 +42,7 @@ std::vector<int64_t> longest_first(const BinQueues& bins) {
   return order;
 }
 
-void draw_bin(const CheckedFrame& frame, const BinQueues& bins, int64_t bin, BinTiles* tiles, Counts* counts) {
+void draw_bin(const ProjectedFrame& frame, const BinQueues& bins, int64_t bin, BinTiles* tiles, Counts* counts) {
   const CoverageMasksKernels& kernels = current_kernels().coverage_masks;
   const BinQueues::Spot spot = bins.spot(bin);
   uint64_t some = 0;
@@ -71,7 +71,7 @@ void draw_bin(const CheckedFrame& frame, const BinQueues& bins, int64_t bin, Bin
   }
 }
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   clear_image(frame, parallel);
   std::vector<BinTiles> memory((size_t)parallel.threads);
   each_round(frame, values[kShare], [&](Round& round) {
@@ -93,7 +93,7 @@ extern const Variant coverage_masks_variant;
 const Variant coverage_masks_variant = {
     "coverage_masks",
     "coarse to fine, longest bins first, masks of 8x8 px, fragments spread over lanes: CudaRaster's idea", kParameters,
-    draw, /*shades=*/false};
+    draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

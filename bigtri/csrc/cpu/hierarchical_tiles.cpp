@@ -50,7 +50,7 @@ struct Shape {
   std::vector<Level> levels;
   int64_t meets, tiles, slots;
 
-  Shape(const CheckedFrame& frame, const int64_t* values) : meets(values[kMeets] ? values[kMeets] : 16) {
+  Shape(const ProjectedFrame& frame, const int64_t* values) : meets(values[kMeets] ? values[kMeets] : 16) {
     const int width = frame.view.width, height = frame.view.height;
     const int finest = values[kTileSize] ? (int)values[kTileSize] : kBin;
     int count = (int)values[kLevels];
@@ -178,7 +178,7 @@ class Pyramid {
 
 class Drawing {
  public:
-  Drawing(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values)
+  Drawing(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values)
       : frame_(frame),
         parallel_(parallel),
         shape_(frame, values),
@@ -257,7 +257,7 @@ class Drawing {
       }
   }
 
-  const CheckedFrame& frame_;
+  const ProjectedFrame& frame_;
   const Parallel& parallel_;
   const Shape shape_;
   const int64_t share_, shares_;  // triangles of a share; shares of a view
@@ -265,8 +265,8 @@ class Drawing {
   const HierarchicalTilesKernels& kernels_;
 };
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
-  if (frame.views) Drawing(frame, parallel, values).draw();
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
+  Drawing(frame, parallel, values).draw();
 }
 
 }  // namespace
@@ -274,7 +274,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 extern const Variant hierarchical_tiles_variant;
 const Variant hierarchical_tiles_variant = {
     "hierarchical_tiles", "a pyramid of tiles, a triangle at the level where it meets few, owned pixels: Merchante",
-    kParameters, draw, /*shades=*/false};
+    kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

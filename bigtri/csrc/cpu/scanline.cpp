@@ -51,13 +51,14 @@ void draw_record(const Record& r, const Frame& view, Counts* counts) {
   counts->add(Counter::rows, r.y1 - r.y0);
 }
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   clear_image(frame, parallel);
   parallel(shares_of(frame, values[0]), [&](int64_t i) {
     const Share share = share_of(frame, values[0], i);
     const Frame view = view_of(frame, share.view);
     Counts counts(frame.map);
-    set_up(frame, share, [&](const Record& r) { draw_record(r, view, &counts); });
+    // A copy, since the compiler need not read it again after each atomic operation on a pixel.
+    set_up(frame, share, [&](Record r) { draw_record(r, view, &counts); });
     counts.publish_task(frame.counters);
   });
   write_depth_image(frame, parallel);
@@ -67,7 +68,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 
 extern const Variant scanline_variant;
 const Variant scanline_variant = {"scanline", "a triangle a thread, row by row, with atomics: Sui's first pipeline",
-                                  kParameters, draw, /*shades=*/false};
+                                  kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

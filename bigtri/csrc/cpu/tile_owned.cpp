@@ -26,7 +26,7 @@ struct Pair {
 // The owned tiles of the views of a round, and their lists.
 class Lists {
  public:
-  Lists(const CheckedFrame& frame, const Parallel& parallel, Round* round)
+  Lists(const ProjectedFrame& frame, const Parallel& parallel, Round* round)
       : columns_((frame.view.width + kOwnedTile - 1) / kOwnedTile),
         of_view_((int64_t)columns_ * ((frame.view.height + kOwnedTile - 1) / kOwnedTile)),
         first_view_(round->first_view),
@@ -54,7 +54,7 @@ class Lists {
 
   int64_t of_view() const { return of_view_; }
 
-  void draw(const CheckedFrame& frame, int64_t tile, bool begun, Counts* counts) const {
+  void draw(const ProjectedFrame& frame, int64_t tile, bool begun, Counts* counts) const {
     const int64_t in_view = tile % of_view_, count = begin_[(size_t)tile + 1] - begin_[(size_t)tile];
     const Square square = square_of(frame, first_view_ + tile / of_view_, (int)(in_view % columns_) * kOwnedTile,
                                     (int)(in_view / columns_) * kOwnedTile, kOwnedTile);
@@ -116,7 +116,7 @@ class Lists {
   std::vector<OwnedEntry> entries_;
 };
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   const bool clears = !has_whole_views(frame, values[kShare]);
   if (clears)
     clear_image(frame, parallel);
@@ -142,7 +142,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 extern const Variant tile_owned_variant;
 const Variant tile_owned_variant = {"tile_owned",
                                     "a list for each 16 px tile, owned tiles, bounds of depth: this project's own",
-                                    kParameters, draw, /*shades=*/false};
+                                    kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -47,7 +47,7 @@ void list_pairs(const Record& r, int32_t record, std::vector<Pair>* pairs, Count
   counts->add(Counter::bytes, kept * (int64_t)sizeof(Pair));
 }
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   clear_image(frame, parallel);
   const size_t together = (size_t)values[kPairs];
   const TwoStageKernels& kernels = current_kernels().two_stage;
@@ -81,7 +81,7 @@ extern const Variant two_stage_variant;
 const Variant two_stage_variant = {
     "two_stage",
     "one queue of (record, bin) pairs, first come first served: Kenzel et al. 2018, Liopas's first pipeline",
-    kParameters, draw, /*shades=*/false};
+    kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri
