@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +50,16 @@ def fit(rows: Iterable[Row]) -> Costs:
     return Costs(found)
 
 
+def winner(times: Mapping[str, float]) -> str:
+    return min(times, key=times.__getitem__)
+
+
+def in_order(said: Mapping[str, float], was: Mapping[str, float]) -> tuple[int, int]:
+    """How many pairs of variants are named in the order of their times, and of how many that are more than 10 % apart."""
+    pairs = [(a, b) for a, b in itertools.permutations(was, 2) if was[b] > 1.1 * was[a]]
+    return sum(said[b] > said[a] for a, b in pairs), len(pairs)
+
+
 class Check(NamedTuple):
     """How good the costs are on scenes that they were not fitted to."""
 
@@ -75,10 +85,9 @@ def check(rows: Sequence[Row]) -> Check:
             for variant in said:
                 factors.setdefault(variant, []).append(max(said[variant] / was[variant], was[variant] / said[variant]))
             tried += bool(said)
-            winners += bool(said) and min(said, key=said.__getitem__) == min(was, key=was.__getitem__)
-            for a, b in itertools.permutations(was, 2):
-                if was[b] > 1.1 * was[a]:
-                    pairs += 1
-                    ordered += said[b] > said[a]
+            winners += bool(said) and winner(said) == winner(was)
+            right, of = in_order(said, was)
+            ordered += right
+            pairs += of
     errors = {variant: float(np.median(values)) for variant, values in factors.items()}
     return Check(errors, winners, tried, ordered, pairs)

@@ -10,7 +10,8 @@ from typing import NamedTuple
 from bigtri import native
 from bigtri.study import clock
 
-PARTS = ("scenes", "parameters", "distance", "motion", "stages")  # of the report
+PARTS = ("scenes", "parameters", "distance", "motion", "stages")  # of the report, which are measured
+PREDICTION = "prediction"  # one more, which is said before it is measured
 
 
 class Key(NamedTuple):
@@ -26,11 +27,12 @@ class Key(NamedTuple):
 class Row(NamedTuple):
     """One way in one case."""
 
-    part: str  # one of `PARTS`
+    part: str  # one of `PARTS`, or `PREDICTION`
     key: Key
     triangles: int
     variant: str
     setting: str  # of "parameters": "share=64", or "standard"; of "motion": "still" or "moving"; of "stages": "still setup"
+    # ... of `PREDICTION`: "predicted" or "measured"
     timing: clock.Timing
     equal: bool  # to the first variant's image, in bits
     counters: Mapping[str, int]  # none where nothing was counted

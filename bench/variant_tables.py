@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import markdown
 from variant_cases import STANDARD
-from variant_costs import PAID, check, fit
-from variant_rows import PARTS, Key, Row, by_case, by_variant, many, text_of
+from variant_costs import PAID, check, fit, in_order, winner
+from variant_rows import PREDICTION, Key, Row, by_case, by_variant, many, text_of
 
 from bigtri.check import counters
 from bigtri.reference.variants import MODELS
@@ -33,9 +33,16 @@ NOTE = "Medians of rounds in which all take turns; what takes more than {} s dre
 
 def page(rows: Sequence[Row], slow: float) -> str:
     """All tables. slow: s, beyond which something drew twice."""
-    tables = {"scenes": scenes, "parameters": parameters, "distance": distance, "motion": motion, "stages": stages}
+    tables = {
+        "scenes": scenes,
+        "parameters": parameters,
+        "distance": distance,
+        "motion": motion,
+        "stages": stages,
+        PREDICTION: prediction,
+    }
     text = []
-    for part in PARTS:
+    for part in tables:
         if of_part := [row for row in rows if row.part == part]:
             text += [tables[part](of_part)]
     whence = ("{device}; {how}; {versions}; commit {commit}: `{command}`.".format(**row.where) for row in rows)
@@ -256,3 +263,24 @@ def stages(rows: Sequence[Row]) -> str:
     if any(row.variant == "stages" for row in rows):
         what = "The stages one by one as operators, on one thread, each with what the one before has written to memory."
     return f"### Time in each stage\n\n{what}\n\n" + markdown.table(head, lines)
+
+
+def prediction(rows: Sequence[Row]) -> str:
+    """What the costs of the report said of scenes that are not in it, and what was measured then."""
+    variants = list(by_variant(rows))
+    lines = []
+    winners = ordered = pairs = 0
+    for key, of_case in by_case(rows).items():
+        said, was = ({row.variant: row.timing.median for row in of_case if row.setting == w} for w in ("predicted", "measured"))
+        winners += winner(said) == winner(was)
+        right, of = in_order(said, was)
+        ordered, pairs = ordered + right, pairs + of
+        for what, ms in (("predicted", said), ("measured", was)):
+            cells = (text_of(ms[v]) if v in ms else "-" for v in variants)
+            lines.append([f"{key.scene}, {key.size}, {what}", *cells])
+    text = (
+        "From the costs above and from the work counted on scenes that are not in the report, said before anything was drawn "
+        f"with a clock. The fastest variant was named in {winners} of {len(lines) // 2} cases, the faster one of two variants "
+        f"that are more than 10 % apart in {ordered} of {pairs} pairs."
+    )
+    return f"### Predictions\n\n{text}\n\n" + markdown.table(["ms", *variants], lines)

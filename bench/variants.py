@@ -17,7 +17,7 @@ says with them which variant wins on a scene that is not in the report, and meas
 
     python bench/variants.py --csv bench/results/variants_cpu.csv --docs docs/variants.md
     python bench/variants.py --rows bench/results/variants_cpu.csv --docs docs/variants.md      # tables alone
-    python bench/variants.py --rows bench/results/variants_cpu.csv --predict Rroom --size 1080p
+    python bench/variants.py --rows bench/results/variants_cpu.csv --predict Rroom --size 1080p --csv build/with_it.csv
     python bench/variants.py --parts distance,motion --csv build/some.csv
     python bench/variants.py --device cuda --seconds 0.02 --csv build/gpu/variants.csv
 """
@@ -40,18 +40,18 @@ import torch
 import variant_tables
 from variant_cases import SLOW, Case, Moving, sweep
 from variant_costs import fit
-from variant_rows import PARTS, Key, Row, by_variant, read, text_of, write
+from variant_rows import PARTS, PREDICTION, Key, Row, by_variant, read, text_of, write
 
 from bigtri import native
 from bigtri.app import arguments as option_types
 from bigtri.precision import DEFAULT
 from bigtri.study import clock, provenance, scenes, tune
 
-# Rroom and R16k are left for predictions.
+# Rroom and R16k are left for predictions, in all parts.
 SCENES = "R4k,R16k-close,R16k-far,R100k,R100k-shuffled,R1M,Rcourtyard,Rterrain,S1,S2,S3,S4f,S4b,S5,S6-200k,S7"
 SIZES = "256x256,640x480,1080p,4k"
 SWEPT = "R100k,S2,S5"  # scenes on which parameters are swept
-APPROACHED = "R16k,R100k"  # meshes that are seen from all distances
+APPROACHED = "R4k,R100k"  # meshes that are seen from all distances
 DISTANCES = "0.35,0.5,0.7,1,2,4,8,16"  # times that from where all of the mesh is in the picture
 MOVED = "R16k-close,R100k,Rcourtyard"  # meshes that the camera goes around
 SIZE = variant_tables.SIZE  # of all but the first part
@@ -76,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--no-counters", action="store_true", help="times alone")
     parser.add_argument("--csv", type=option_types.csv_file, metavar="FILE", help="write the rows there")
     parser.add_argument("--rows", type=Path, nargs="+", metavar="FILE", help="take the rows from there and measure nothing")
-    parser.add_argument("--predict", metavar="SCENE", help="with --rows: say from the counters which variant wins, then measure")
+    parser.add_argument("--predict", metavar="SCENES", help="with --rows: say from the counters which variant wins, then measure")
     parser.add_argument("--docs", type=Path, metavar="PAGE", help="put the tables there, between their markers")
     options = parser.parse_args(argv)
     if options.predict and not options.rows:
@@ -94,11 +94,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     if options.rows:
         rows = [row for path in options.rows for row in read(path)]
+        for key in (Key(scene, *size) for scene in predicted for size in options.size):
+            rows = [row for row in rows if row.part != PREDICTION or row.key != key]
+            rows += predict(rows, key, options.device, options.seconds)
         if options.csv:
             write(options.csv, rows)
-        for scene in predicted:
-            for width, height in options.size:
-                predict(rows, Key(scene, width, height), options.device, options.seconds)
     else:
         rows = measured(options, here(options.device))
     if not rows:
@@ -212,29 +212,31 @@ PART = {
 }
 
 
-def predict(rows: Sequence[Row], key: Key, device: str, seconds: float) -> None:
+def predict(rows: Sequence[Row], key: Key, device: str, seconds: float) -> list[Row]:
     """Says from the counters which variant wins, then measures.
 
     Raises:
         SystemExit: the scene is in the report, or nothing was counted that its costs could be made from.
     """
-    known = [row for row in rows if row.part == "scenes" and row.counters]
-    if key.scene in {row.key.scene for row in rows}:
+    report = [row for row in rows if row.part != PREDICTION]
+    if key.scene in {row.key.scene.partition("@")[0] for row in report}:
         raise SystemExit(f"--predict: {key.scene} is in the report, so nothing would be predicted")
+    known = [row for row in report if row.part == "scenes" and row.counters]
     costs = {variant: fit(of_it) for variant, of_it in by_variant(known).items()}
     settings = [tune.Setting(variant) for variant in native.VARIANTS[device] if variant in costs]
-    case = Case(key, device)
     if not settings:
         raise SystemExit("--predict: the rows have no counters")
-    blank, where = clock.Timing(0, 0, 0, 0, 0), here(device)
-    counted = [Row("scenes", *case.known, s.variant, "", blank, True, case.counted(s), None, where) for s in settings]
-    said = {row.variant: costs[row.variant].us(row) / 1e3 for row in counted}
+    case, where, none = Case(key, device), here(device), clock.summary([0])
+    counted = [Row(PREDICTION, *case.known, s.variant, "predicted", none, True, case.counted(s), None, where) for s in settings]
+    said = [row._replace(timing=clock.summary([costs[row.variant].us(row) / 1e3])) for row in counted]
     print(f"{key.scene} {key.size}, predicted: {in_order(said)}", flush=True)
-    found = case.measure("scenes", settings, seconds, where, count=False)
-    print(f"{key.scene} {key.size}, measured:  {in_order({row.variant: row.timing.median for row in found})}", flush=True)
+    found = case.measure(PREDICTION, settings, seconds, where, count=False)
+    print(f"{key.scene} {key.size}, measured:  {in_order(found)}", flush=True)
+    return [*said, *(row._replace(setting="measured") for row in found)]
 
 
-def in_order(ms: Mapping[str, float]) -> str:
+def in_order(rows: Sequence[Row]) -> str:
+    ms = {row.variant: row.timing.median for row in rows}
     return ", ".join(f"{variant} {text_of(ms[variant])} ms" for variant in sorted(ms, key=ms.__getitem__))
 
 

@@ -162,6 +162,17 @@ def test_tables_of_motion_and_stages():
         assert tables.stages(rows).splitlines()[-1] == f"| {shown} | 10 | 15 |"
 
 
+def test_tables_of_predictions():
+    def case(scene: str, setting: str, *us: float) -> list[rows_of.Row]:
+        return [row(scene, name, each, {}, setting=setting, part="prediction") for name, each in zip("abc", us, strict=True)]
+
+    rows = case("R", "predicted", 1000, 2000, 3000) + case("R", "measured", 2000, 1000, 1050)
+    rows += case("Q", "predicted", 1000, 2000, 3000) + case("Q", "measured", 3000, 4000, 5000)
+    text = tables.prediction(rows)
+    assert text.splitlines()[-4:-2] == ["| R, 64x32, predicted | 1 | 2 | 3 |", "| R, 64x32, measured | 2 | 1 | 1.05 |"]
+    assert "in 1 of 2 cases" in text and "in 3 of 5 pairs" in text
+
+
 def test_a_camera_goes_around():
     bounds = [[-1.0, -1, -1], [1, 1, 1]]
     camera = meshes.Camera.framing(bounds)
@@ -276,7 +287,8 @@ def test_the_whole(tmp_path, monkeypatch, capsys):
     ):
         assert part in text
     page.write_text("<!-- variants cpu: begin -->\n<!-- variants cpu: end -->\n")
-    options = ["--rows", str(kept), "--docs", str(page), "--predict", "R16k-far", "--size", "96x64", "--seconds", "0"]
+    options = ["--rows", str(kept), "--predict", "R16k-far", "--size", "96x64", "--seconds", "0"]
+    options += ["--csv", str(tmp_path / "more.csv"), "--docs", str(page)]
     monkeypatch.setattr(cases_of.Case, "measure", lambda *_, **__: pytest.fail("measured before it was predicted"))
     with pytest.raises(pytest.fail.Exception):
         variants.main(options)
@@ -285,8 +297,17 @@ def test_the_whole(tmp_path, monkeypatch, capsys):
     assert variants.main(options) == 0
     predicted, measured = capsys.readouterr().out.splitlines()
     assert all(f"{name} " in predicted and f"{name} " in measured for name in names)
+    assert "| R16k-far, 96x64, predicted |" in page.read_text()
+    more = rows_of.read(tmp_path / "more.csv")
+    assert more[: len(rows)] == rows and [one.setting for one in more[len(rows) :: len(names)]] == ["predicted", "measured"]
+    options[1] = str(tmp_path / "more.csv")
+    assert variants.main(options) == 0 and len(rows_of.read(tmp_path / "more.csv")) == len(more)  # in place of the one before
+    capsys.readouterr()
     with pytest.raises(SystemExit, match="S2 is in the report"):
         variants.main(["--rows", str(kept), "--predict", "S2"])
+    rows_of.write(kept, [one for one in rows if one.part == "distance"])
+    with pytest.raises(SystemExit, match="R4k is in the report"):
+        variants.main(["--rows", str(kept), "--predict", "R4k"])
 
 
 def test_the_time_is_over(tmp_path, capsys):
