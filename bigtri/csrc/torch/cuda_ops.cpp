@@ -50,11 +50,8 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   frame.counters = counters ? data<int64_t>(*counters) : nullptr;
   if (frame.views == 0) return;
   const torch::stable::accelerator::DeviceGuard guard(device);
-  const int64_t bytes = chosen.scratch_bytes(frame, values.data());
-  std::optional<Tensor> scratch;  // given back when the launches are in the stream: torch reuses it in stream order
-  if (bytes > 0) scratch = empty({bytes}, ScalarType::Byte, device);
-  void* memory = scratch ? scratch->mutable_data_ptr() : nullptr;
-  check_launch(op, chosen.draw(frame, values.data(), memory, current_stream(device)));
+  const WorkingMemory scratch(chosen.scratch_bytes(frame, values.data()));
+  check_launch(op, chosen.draw(frame, values.data(), scratch.data(), current_stream(device)));
 }
 
 NewResults rasterize_new_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
