@@ -38,8 +38,8 @@ def draw_all(job: Job, scene: str, variants: Sequence[str], folder: Path) -> lis
         scene: what it is called.
         variants: of ``bigtri.native.REGISTRY["cpu"][precision]``.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     maps = {variant: _map(job, variant) for variant in variants}
+    folder.mkdir(parents=True, exist_ok=True)
     height, width = job.resolution
     about = f"{scene}, {len(job.triangles)} triangles, {width}x{height} px, {job.precision}"
     return [
