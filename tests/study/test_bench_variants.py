@@ -333,6 +333,21 @@ def test_the_time_is_over(tmp_path, capsys):
     assert "--total is over: 2 cases left out, from S1 320x240" in seen.out and "nothing was measured" in seen.err
 
 
+def test_a_case_that_fails_does_not_stop_the_others(tmp_path, monkeypatch, capsys):
+    measure = cases_of.Case.measure
+
+    def failing(self, *given, **how):
+        if self.key.scene == "S1":
+            raise RuntimeError("no memory\nat all")
+        return measure(self, *given, **how)
+
+    monkeypatch.setattr(cases_of.Case, "measure", failing)
+    what = ["--parts", "scenes", "--scenes", "S1,S2", "--size", "320x240", "--seconds", "0", "--csv", str(tmp_path / "rows.csv")]
+    assert variants.main(what) == 1
+    assert {one.key.scene for one in rows_of.read(tmp_path / "rows.csv")} == {"S2"}
+    assert "FAILED S1 320x240: no memory\n" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     "what, error",
     [
