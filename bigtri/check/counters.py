@@ -13,7 +13,7 @@ from ..ops.arguments import Array
 from ..ops.rasterize import check_indices
 from ..precision import DEFAULT, Precision
 from ..reference.variants import MODELS
-from ..reference.work import Job
+from ..reference.work import Job, without_empty
 
 Scissor = tuple[int, int, int, int]
 LARGEST = ("most_work",)  # of views and tasks the largest counts, where other counters are sums
@@ -73,6 +73,7 @@ def count(
         for view in views:
             mesh = view.numpy(), faces.numpy()
             records, _ = reference.setup(*mesh, height, width, cull, box, arithmetic)
+            records = without_empty(records, arithmetic)
             for name, n in MODELS[variant].count(Job(*mesh, records, height, width, arithmetic, values)).items():
                 total[name] = max(total.get(name, 0), n) if name in LARGEST else total.get(name, 0) + n
         return {name: n for name, n in total.items() if n}
