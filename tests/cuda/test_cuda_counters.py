@@ -6,7 +6,7 @@ import pytest
 import torch
 from cuda_bits import DEVICE, Scene, case_of, needs_cuda
 
-from bigtri import native
+from bigtri import native, reference
 from bigtri.check import counters
 from bigtri.study import tune
 

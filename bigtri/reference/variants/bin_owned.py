@@ -12,7 +12,6 @@ from ..clip import clip_planes
 from ..coverage import fills, is_inside, sides_of
 from ..depth import bound_depth, depth
 from ..numerics import BIN, TILE, TILES
-from ..records import Records
 from ..tile_mask import tile_mask
 from ..work import Job, Pixels, boxed_tiles, extent, load, pack, record_bytes
 
