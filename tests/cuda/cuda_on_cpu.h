@@ -130,6 +130,12 @@ T atomicOr(T* p, V v) {
   return before;
 }
 
+template <class T, class V>
+T atomicExch(T* p, V v) {
+  const T before = *p;
+  *p = (T)v;
+  return before;
+}
 template <class T>
 T atomicCAS(T* p, T expected, T v) {
   const T before = *p;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import importlib
 import itertools
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -31,6 +32,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
 ]
 
+BENCH = Path(__file__).parents[2] / "bench"
 PIXELS = 150_000  # of cases that are not too large
 # Ways through the kernels, and with them every value of those parameters that choose one.
 WAYS = ({"few": 65536}, {"few": 64}, {"few": 0})
@@ -293,3 +295,20 @@ def test_counters(tmp_path: Path) -> None:
         counted = dict(zip(native.COUNTERS, found.tolist(), strict=True))
         assert wanted == {key: counted[key] for key in wanted}, (variant, name)
         assert counted["overflows"] == 0
+
+
+@pytest.mark.skipif(not BENCH.exists(), reason="bench/ is not here")
+def test_fragments_of_the_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernels of bench/fragments.cu: all ways end in the same picture, and the bits are those of ``scanline``."""
+    monkeypatch.syspath_prepend(str(BENCH))
+    fragments, cases_of = map(importlib.import_module, ("fragments", "variant_cases"))
+    monkeypatch.setattr(cases_of, "AT_LEAST", 1)
+    folder = tmp_path / "build"
+    cuda_on_cpu.copy_sources(folder)
+    there = [cuda_on_cpu.unchanged("exact") / f"{name}.o" for name in (*cuda_on_cpu.SOURCES, "cuda_on_cpu")]
+    built = cuda_on_cpu.compile_and_link(folder, [BENCH / "fragments.cu"], there, "exact", "-Og", f"-I{folder}")
+    built.fragments_srgb.restype = ctypes.c_int64
+    for name, size in (("R4k", (96, 64)), ("S2", (320, 240)), ("S4b", (96, 64))):
+        rows = fragments.Scene(built, "cpu", name, *size).rows(0, fragments.whence("cpu"))
+        assert [(row.way, row.differing_px) for row in rows] == [(way, 0) for way in fragments.WAYS]
+        assert rows[0].covered_px > 100

@@ -52,7 +52,7 @@ def count(job: Job) -> dict[str, int]:
         "bins_tested": tested,
         "bins_rejected": tested - int(of_large_queued.sum()),
         "bins_accepted": int(full.sum()),
-        "edges_64": 3 * (tested + int(of_large_queued.sum())),
+        "edges_64": job.places.add_bins(3, everything.candidates[of_large]) + job.places.add_bins(3, queue[of_large_queued]),
     }
     work = []
     for column, row in np.unique(queue[:, 1:], axis=0):
@@ -61,7 +61,7 @@ def count(job: Job) -> dict[str, int]:
         work.append(found["edges_64"] + found["edges_32"] + found["fragments"])
         for name, n in found.items():
             total[name] = total.get(name, 0) + n
-    return {**total, **load(np.array(work, np.int64))}
+    return {**total, **load(job, np.array(work, np.int64))}
 
 
 def _check_one_pass(job: Job, candidates: int) -> None:
@@ -123,8 +123,8 @@ class _Bin:
             if not self.full[e]:
                 boxed = int(boxed_tiles(self.job.records.bbox[self.queue[e : e + 1, 0]], *self.queue[e : e + 1, 1:].T)[0])
                 touched = int(self.touched[e].sum())
-                self.counts["edges_64"] += 6
-                self.counts["edges_32"] += 6 * TILES * TILES
+                self.counts["edges_64"] += self.job.places.add_edges(6, self.left, self.top, BIN)
+                self.counts["edges_32"] += self.job.places.add_edges(6 * TILES * TILES, self.left, self.top, BIN)
                 self.counts["tiles_tested"] += boxed
                 self.counts["tiles_rejected"] += boxed - touched
                 self.counts["tiles_accepted"] += int(self.filled[e].sum())
@@ -152,7 +152,9 @@ class _Bin:
             partly = visible & ~self.filled[e]
             covered = self._of_tiles(visible) & (self._of_tiles(self.filled[e]) | self._inside(e))
             some = covered.reshape(TILES, TILE, TILES, TILE).any(axis=(1, 3)).reshape(-1)
-            self.counts["edges_32"] += 3 * TILE * TILE * int(partly.sum())
+            tile = np.flatnonzero(partly)
+            place = self.left + TILE * (tile % TILES), self.top + TILE * (tile // TILES)
+            self.counts["edges_32"] += self.job.places.add_edges(3 * TILE * TILE, *place)
             self.counts["tiles_empty"] += int((partly & ~some).sum())
             self._offer(e, covered)
 
@@ -165,9 +167,9 @@ class _Bin:
         if self.zmin[e] > self.bin_far or (self.bounded.any() and (self.zmin[e] > self.tile_far[tiles]).all()):
             self.counts["bins_hidden"] += 1
             return
-        columns = -(-(x1 - x0) // _LANES)
-        self.counts["edges_64"] += 3
-        self.counts["edges_32"] += 3 * _LANES * int(columns * (y1 - y0))
+        self.counts["edges_64"] += self.job.places.add_edges(3, self.left + x0, self.top + y0)
+        lanes = np.meshgrid(self.left + np.arange(x0, x1, _LANES), self.top + np.arange(y0, y1))
+        self.counts["edges_32"] += self.job.places.add_edges(3 * _LANES, *lanes)
         self._offer(e, boxed & self._inside(e))
 
     def _inside(self, e: int) -> NDArray[np.bool_]:
@@ -188,7 +190,7 @@ class _Bin:
     def _offer(self, e: int, covered: NDArray[np.bool_]) -> None:
         y, x = np.nonzero(covered)
         self.offered.append(np.stack([np.full_like(x, e), x, y], axis=1))
-        self.counts["fragments"] += len(x)
+        self.counts["fragments"] += self.job.places.add_fragments(self.left + x, self.top + y)
 
     def _pixels(self) -> dict[str, Any]:
         """What passes, in the order in which it was offered; and what is stored."""
