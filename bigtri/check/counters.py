@@ -14,7 +14,7 @@ from ..ops.arguments import Array
 from ..ops.rasterize import check_indices
 from ..precision import DEFAULT, Arithmetic, Precision
 from ..reference.variants import MODELS
-from ..reference.work import Job
+from ..reference.work import Job, without_empty
 from ..reference.work_map import Places
 
 Scissor = tuple[int, int, int, int]
@@ -126,8 +126,8 @@ def modelled(op: str, scene: Scene, variant: str, parameters: Mapping[str, int] 
     values = _all_parameters(op, variant, parameters)
     mesh = scene.clip.numpy(), scene.faces.numpy()
     records, _ = reference.setup(*mesh, *scene.resolution, scene.cull, scene.box, scene.arithmetic)
-    places = Places(*scene.resolution)
-    counts = MODELS[variant].count(Job(*mesh, records, *scene.resolution, scene.arithmetic, values, places))
+    places, drawn = Places(*scene.resolution), without_empty(records, scene.arithmetic)
+    counts = MODELS[variant].count(Job(*mesh, drawn, *scene.resolution, scene.arithmetic, values, places))
     return {name: n for name, n in counts.items() if n}, places
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..precision import Arithmetic
 from .binning import binning
-from .coverage import sides_of, touches
+from .coverage import is_inside, sides_of, touches
 from .depth import depth
 from .numerics import BACKGROUND, BIN, TILE, TILES, ramp
 from .pipeline import FRAGMENTS, ROWS, batches
@@ -21,6 +21,7 @@ from .work_map import Places
 
 POINTER_BYTES = 8  # of a record in a queue
 _SHARES_TOGETHER = 1024  # kSharesTogether of csrc/cpu/shares.h
+_TINY_EXTENT = 4  # px; kTinyExtent of csrc/cpu/setup.inl
 NO_QUEUE = np.zeros((0, 3), np.int32), np.zeros(0, np.int64)
 
 
@@ -29,7 +30,7 @@ class Job(NamedTuple):
 
     positions: NDArray[np.float32]  # [V, 4], clip space
     triangles: NDArray[np.int32]  # [T, 3]
-    records: Records
+    records: Records  # those that set-up makes (without_empty)
     height: int  # px
     width: int
     arithmetic: Arithmetic
@@ -43,6 +44,26 @@ class Squares(NamedTuple):
     of: NDArray[np.int64]  # its number
     x: NDArray[np.int64]  # the first pixel
     y: NDArray[np.int64]
+
+
+def extent(records: Records) -> NDArray[np.int32]:
+    """int32 [N]: the larger of width and height of each, subpx."""
+    span = records.xy.max(axis=1, initial=-(2**31)) - records.xy.min(axis=1, initial=2**31 - 1)
+    larger: NDArray[np.int32] = span.max(axis=1, initial=0)
+    return larger
+
+
+def without_empty(records: Records, arithmetic: Arithmetic) -> Records:
+    """The records but those that set-up leaves out: tiny, not clipped, with a bbox of at most 2x2 px and none of it covered."""
+    first, size = records.bbox[:, :2].astype(np.int64), records.bbox[:, 2:] - records.bbox[:, :2]
+    tiny = ~records.clipped & (extent(records) < _TINY_EXTENT * arithmetic.subpixel) & (size <= 2).all(axis=1)
+    sides = sides_of(records, np.arange(len(records.xy)), arithmetic)
+    covers = np.zeros(len(records.xy), np.bool_)
+    for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        inside = is_inside(sides, first[:, 0] + x, first[:, 1] + y).all(axis=1)
+        covers |= inside & (x < size[:, 0]) & (y < size[:, 1])
+    kept = covers | ~tiny
+    return Records(*(field if field is None else field[kept] for field in records))
 
 
 class Pixels:
