@@ -212,6 +212,28 @@ def test_an_index_out_of_range_is_dropped_and_counted(variant: str) -> None:
     assert_right([job(seen, variant, s, triangles=wrong, dropped=dropped) for s in paths])
 
 
+def test_frames_that_launch_the_same_kernels() -> None:
+    """The first one's are launched one by one, later ones by a graph, with parameters and sizes of their own."""
+    library = cuda_on_cpu.kernels()
+    jobs = [
+        job(case_of(name), "bin_owned", {"few": 0, "share": 8, "warps": warps})
+        for warps in (4, 8)
+        for name in ("mixed", "crowded", "clipped_fans")
+    ]
+
+    def graphs() -> list[str]:
+        found, counts = [], []
+        for number in (0, 1, 2, 3, 0, 4, 1):
+            packed, depth, _ = cuda_on_cpu.draw(library, jobs[number])
+            same = (packed == jobs[number].packed).all() and (depth.view("i4") == jobs[number].depth.view("i4")).all()
+            found += [] if same else [f"frame of job {number}"]
+            counts.append(library.launched_graphs())
+        return found if counts == [0, 1, 2, 2, 3, 4, 5] else [*found, f"graphs: {counts}"]
+
+    said = cuda_on_cpu.in_children([graphs])
+    assert not said, said
+
+
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_nothing_to_draw(variant: str) -> None:
     none = Case(np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32), (70, 131))
