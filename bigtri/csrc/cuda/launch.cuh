@@ -176,6 +176,31 @@ cudaError_t each_view(const Frame& f, const Draw& draw) {
   return cudaSuccess;
 }
 
+// The kTake of a variant that works without memory.
+struct Nothing {};
+template <class Values>
+Nothing take_nothing(Scratch*, const Frame&, const Values&) {
+  return {};
+}
+
+// A variant that draws a view at a time, as the registry calls it. kTake(scratch, frame, values) lays out the memory that
+// every view uses again; kDraw(frame, values, what kTake gave, stream) draws one.
+template <class Values, auto kTake, auto kDraw>
+struct ViewByView {
+  static int64_t scratch_bytes(const Frame& f, const int64_t* values) {
+    Scratch scratch = {nullptr};
+    kTake(&scratch, f, Values::of(values));
+    return scratch.used;
+  }
+  static cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
+    const Values v = Values::of(values);
+    return each_view(frame, [&](const Frame& f) {
+      Scratch scratch = {static_cast<char*>(memory)};
+      return kDraw(f, v, kTake(&scratch, f, v), stream);
+    });
+  }
+};
+
 // The first of the next n places, or `room` where there are none left. The count goes on all the same, in 64 bits, so
 // that no number of triangles makes it wrap.
 __device__ __forceinline__ uint32_t claim(uint64_t* count, uint32_t room, uint32_t n) {
