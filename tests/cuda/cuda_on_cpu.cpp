@@ -527,7 +527,7 @@ int shade_on_cpu(const PictureOnCpu* p) {
   job.channels = (int)p->channels;
   kernel = 0;
   const Memory scratch((size_t)BIGTRI_RUNG::shading_scratch(job), 0x7f);
-  int error = BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
+  int error = 0;
   const Memory buffer((size_t)(p->packed || p->drawn ? 0 : 8 * samples), 0x7f);
   const Memory areas((size_t)areas_bytes(job.width, job.height, job.views), 0x7f);
   if (!p->packed) {
@@ -548,9 +548,12 @@ int shade_on_cpu(const PictureOnCpu* p) {
       values.push_back(parameter->standard);
     if (!p->drawn && !p->depth && variant.lists_areas(f, values.data()) && BIGTRI_RUNG::shades_areas(job))
       f.areas = job.areas = areas.of<char>();
+    error |= BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
     const Memory work(variant.scratch_bytes(f, values.data()), 0x7f);
     error |= variant.draw(f, values.data(), work.of<char>(), nullptr);
     job.packed = f.packed;
+  } else {
+    error |= BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
   }
   error |= BIGTRI_RUNG::shade_cuda(job, scratch.of<char>(), nullptr);
   for (const Output& o : outputs) memcpy(o.to, o.from, (size_t)o.bytes);

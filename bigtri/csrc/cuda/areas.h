@@ -17,18 +17,20 @@ struct Area {
 struct Areas {
   int columns, rows;  // of a view
   int words;          // of marks, for a row of areas
+  int pitch;          // words from one row's to the next's
   int64_t views;
   // Null where none is left out.
   uint32_t* count;  // [1]: of those in the list
-  uint32_t* marks;  // [views, rows, words]: bit k of a word: area 32 * word + k of the row may be touched
+  uint32_t* marks;  // [views, rows, pitch]: bit k of a word: area 32 * word + k of the row may be touched
   Area* list;       // those, in any order
 };
 BIGTRI_HD int64_t all_of(const Areas& a) { return a.views * a.rows * a.columns; }
-BIGTRI_HD int64_t mark_words(const Areas& a) { return a.views * a.rows * a.words; }
 
 // Words of the memory in front of the list: the count, and marks behind it.
-constexpr int kAreaCountWords = 4;
-inline int64_t area_words(const Areas& a) { return kAreaCountWords + (mark_words(a) + 3) / 4 * 4; }
+constexpr int kAreaCountWords = 32;
+// Rows begin in lines of their own: the places of a cache at which atomic operations meet are as many as lines.
+constexpr int kMarkPitch = 32;
+inline int64_t area_words(const Areas& a) { return kAreaCountWords + a.views * a.rows * a.pitch; }
 
 // memory: of areas_bytes(), or null.
 inline Areas areas_of(int width, int height, int64_t views, void* memory) {
@@ -36,6 +38,7 @@ inline Areas areas_of(int width, int height, int64_t views, void* memory) {
   a.columns = (width + kAreaWidth - 1) / kAreaWidth;
   a.rows = (height + kAreaHeight - 1) / kAreaHeight;
   a.words = (a.columns + 31) / 32;
+  a.pitch = (a.words + kMarkPitch - 1) / kMarkPitch * kMarkPitch;
   a.views = views;
   if (!memory) return a;
   a.count = static_cast<uint32_t*>(memory);

@@ -19,8 +19,8 @@ constexpr int kProjectVertices = kVerticesEach * kClearThreads;  // of a block
 constexpr int kClearBlocks = 2;
 constexpr int64_t kPixelsPerProjected = 64;
 
-__global__ void __launch_bounds__(kClearThreads, 4)
-    clear_frame(const __grid_constant__ Frame f, Vertex* projected, unsigned clearing_blocks, Zeros zeros, Zeros marks) {
+__global__ void __launch_bounds__(kClearThreads, 4) clear_frame(const __grid_constant__ Frame f, Vertex* projected,
+                                                                unsigned clearing_blocks, Zeros zeros, Zeros marks) {
   let_next_begin();
   if (blockIdx.x >= clearing_blocks) {
     const int64_t vertices = f.view_stride ? f.views * f.vertices : f.vertices;
@@ -53,11 +53,8 @@ __global__ void __launch_bounds__(kClearThreads, 4)
 // Marks the areas that triangles of the views may touch, a thread a triangle: those that its bounding box meets, or all
 // of its view's where it has to be clipped. projected: the vertices of all views, or null.
 constexpr int kMarkThreads = 256;
-constexpr int kOwnWords = 4;  // of marks; a triangle with more is a whole warp's, so that a large one does not hold up a lane
-
-__device__ __forceinline__ void mark(uint32_t* word, uint32_t bits) {
-  if (bits & ~reread(*word)) atomicOr(word, bits);  // most are marked already, by a neighbour
-}
+constexpr int kOwnWords =
+    4;  // of marks; a triangle with more is a whole warp's, so that a large one does not hold up a lane
 
 // The words of marks that a box of areas has bits in.
 struct MarkBox {
@@ -67,12 +64,30 @@ struct MarkBox {
 
   __device__ __forceinline__ int columns() const { return right / 32 - left / 32 + 1; }
   __device__ __forceinline__ int words() const { return rows * columns(); }
-  __device__ __forceinline__ void mark_word(const Areas& areas, int i) const {
-    const int down = i / columns(), word = left / 32 + i - down * columns();
-    const int low = max_of(left - 32 * word, 0), high = min_of(right - 32 * word, 31);
-    mark(areas.marks + (first_row + down) * areas.words + word, ~0u << low & ~0u >> (31 - high));
+  // Word i: where it is among all words, and its bits of the box.
+  __device__ __forceinline__ int64_t word(const Areas& areas, int i, uint32_t* bits) const {
+    const int down = i / columns(), across = left / 32 + i - down * columns();
+    const int low = max_of(left - 32 * across, 0), high = min_of(right - 32 * across, 31);
+    *bits = ~0u << low & ~0u >> (31 - high);
+    return (first_row + down) * areas.pitch + across;
   }
 };
+
+__device__ __forceinline__ void mark(const Areas& areas, int64_t word, uint32_t bits) {
+  uint32_t* const marks = areas.marks + word;
+  if (bits & ~reread(*marks)) atomicOr(marks, bits);  // most are marked already
+}
+
+// The lanes' words, each once: a warp's triangles are neighbours, and so are their areas. word: -1 for none. By all lanes.
+__device__ __forceinline__ void mark_together(const Areas& areas, int64_t word, uint32_t bits) {
+  for (unsigned todo = __ballot_sync(kAllLanes, word >= 0); todo;) {
+    const int first = __ffs(todo) - 1;
+    const bool same = word == __shfl_sync(kAllLanes, word, first);
+    const uint32_t all = warp_or(same ? bits : 0);
+    if (lane_id() == first) mark(areas, word, all);
+    todo &= ~__ballot_sync(kAllLanes, same);
+  }
+}
 __device__ __forceinline__ MarkBox of_lane(const MarkBox& b, int lane) {
   return {__shfl_sync(kAllLanes, b.first_row, lane), __shfl_sync(kAllLanes, b.left, lane),
           __shfl_sync(kAllLanes, b.right, lane), __shfl_sync(kAllLanes, b.rows, lane)};
@@ -94,7 +109,8 @@ __device__ __forceinline__ MarkBox mark_box(const Frame& f, const Areas& areas, 
   }
   if ((fate != Fate::kWhole && fate != Fate::kClip) || box.x0 >= box.x1 || box.y0 >= box.y1) return {};
   const int top = box.y0 / kAreaHeight;
-  return {view * areas.rows + top, box.x0 / kAreaWidth, (box.x1 - 1) / kAreaWidth, (box.y1 - 1) / kAreaHeight - top + 1};
+  return {view * areas.rows + top, box.x0 / kAreaWidth, (box.x1 - 1) / kAreaWidth,
+          (box.y1 - 1) / kAreaHeight - top + 1};
 }
 
 __global__ void __launch_bounds__(kMarkThreads)
@@ -106,12 +122,19 @@ __global__ void __launch_bounds__(kMarkThreads)
   MarkBox box = {};
   if (item < items) box = mark_box(f, areas, projected, triangles, item);
   wait_for_previous();
-  const int words = box.rows > 0 ? box.words() : 0;
-  if (words <= kOwnWords)
-    for (int i = 0; i < words; ++i) box.mark_word(areas, i);
+  const int words = box.rows > 0 ? box.words() : 0, own = words <= kOwnWords ? words : 0;
+  for (int i = 0; __any_sync(kAllLanes, i < own); ++i) {
+    uint32_t bits = 0;
+    const int64_t word = i < own ? box.word(areas, i, &bits) : -1;
+    mark_together(areas, word, bits);
+  }
   for (unsigned wide = __ballot_sync(kAllLanes, words > kOwnWords); wide; wide &= wide - 1) {
     const MarkBox its = of_lane(box, __ffs(wide) - 1);
-    for (int i = lane_id(); i < its.words(); i += kWarp) its.mark_word(areas, i);
+    for (int i = lane_id(); i < its.words(); i += kWarp) {
+      uint32_t bits;
+      const int64_t word = its.word(areas, i, &bits);
+      mark(areas, word, bits);
+    }
   }
 }
 
@@ -122,17 +145,16 @@ __global__ void __launch_bounds__(kAreaThreads)
   let_next_begin();
   wait_for_previous();
   const bool in_pairs = f.view.width % 2 == 0 && ((uintptr_t)f.packed & 15) == 0;
-  for (int64_t at = blockIdx.x; at < mark_words(areas); at += gridDim.x) {
-    const uint32_t marked = areas.marks[at];
-    if (!marked) continue;
+  for (int64_t at = blockIdx.x; at < areas.views * areas.rows * areas.words; at += gridDim.x) {
     const int64_t row_of_all = at / areas.words, view = row_of_all / areas.rows;
+    const uint32_t marked = areas.marks[row_of_all * areas.pitch + (at - row_of_all * areas.words)];
+    if (!marked) continue;
     const int row = (int)(row_of_all - view * areas.rows), column = (int)(at - row_of_all * areas.words) * 32;
     if (this_warp() == 0) {
       uint32_t place = 0;
       if (lane_id() == 0) place = atomicAdd(areas.count, (uint32_t)__popc(marked));
       place = __shfl_sync(kAllLanes, place, 0) + __popc(marked & lanes_below());
-      if (marked >> lane_id() & 1)
-        areas.list[place] = {(int32_t)view, (uint16_t)(column + lane_id()), (uint16_t)row};
+      if (marked >> lane_id() & 1) areas.list[place] = {(int32_t)view, (uint16_t)(column + lane_id()), (uint16_t)row};
     }
     const int bottom = min_of((row + 1) * kAreaHeight, f.view.height);
     for (uint32_t todo = marked; todo; todo &= todo - 1) {
@@ -143,7 +165,8 @@ __global__ void __launch_bounds__(kAreaThreads)
           const int x = left + 2 * lane_id();
           if (x < f.view.width) reinterpret_cast<longlong2*>(pixels)[x / 2] = make_longlong2(kBackground, kBackground);
         } else {
-          for (int x = left + lane_id(); x < min_of(left + kAreaWidth, f.view.width); x += kWarp) pixels[x] = kBackground;
+          for (int x = left + lane_id(); x < min_of(left + kAreaWidth, f.view.width); x += kWarp)
+            pixels[x] = kBackground;
         }
       }
     }
@@ -180,7 +203,8 @@ cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, 
   if (items > 0)
     BIGTRI_CUDA(launch_next(mark_areas, (items + kMarkThreads - 1) / kMarkThreads, kMarkThreads, 0, stream, f, areas,
                             projected, ShortDivisor((uint32_t)f.count), items));
-  return launch_next(clear_areas, grid_blocks(mark_words(areas), 1), kAreaThreads, 0, stream, f, areas);
+  return launch_next(clear_areas, grid_blocks(areas.views * areas.rows * areas.words, 1), kAreaThreads, 0, stream, f,
+                     areas);
 }
 
 }  // namespace BIGTRI_NAMESPACE

@@ -23,8 +23,10 @@ constexpr int kShadeWarps = 4;  // of a block, in all kernels but begin_frame
 constexpr int kShadeThreads = kShadeWarps * kWarp;
 constexpr int kBeginWarps = 8;
 constexpr int kBeginThreads = kBeginWarps * kWarp;
-// A word is 32 pixels of a row; an area has so many.
+// A word is 32 pixels of a row; an area has so many. In a large picture a warp takes several together.
 constexpr int kWordsOfArea = kAreaWidth * kAreaHeight / kWarp;
+constexpr int kWordsOfLarge = 4;
+constexpr int64_t kPixelsOfLarge = 4 << 20;
 constexpr int kPixelsAtOnce = 1 << 29;  // of whole areas that `shade` is launched for, unless one view has more
 constexpr int kFewestPlaces = 4;      // for the clipped triangles of a block of begin_frame
 constexpr int kMostPlaces = 32;
@@ -288,42 +290,64 @@ struct Turn {
   int32_t pixels;  // from there to the end of the row
 };
 
-// A warp takes a word in turn. The picture has its background already.
-template <bool kPrepared>
+// A warp takes kWords words in turn, which it looks at together, and then goes through those that have a triangle. Where
+// areas are listed, the picture has its background already.
+template <bool kPrepared, int kWords>
 __global__ void __launch_bounds__(kShadeThreads, 8)
     shade(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   __shared__ Turn turns[kShadeWarps];
   Turn& turn = turns[this_warp()];
   wait_for_previous();
-  uint32_t number = blockIdx.x * kShadeWarps + this_warp();
-#pragma unroll 1
-  for (; number < word_count(work); number = reread(turn.word) + gridDim.x * kShadeWarps) {
+  const auto look = [&](uint32_t number, Place* at, uint32_t* row, uint32_t* first, int32_t* triangle) {
     const Place word = word_at(work, number);
-    const Place at = {word.view, word.x + lane_id(), word.y};
-    const uint32_t row = word.view * job.height + word.y, first = row * job.width + word.x;
-    __syncwarp();
-    if (lane_id() == 0) turn = {number, first, row, job.width - word.x};
-    __syncwarp();
-    if (word.x >= job.width || word.y >= job.height) continue;
-    const int32_t triangle = at.x < job.width ? triangle_of(job, first + lane_id()) : -1;
-    if (!work.beside && !__any_sync(kAllLanes, triangle >= 0)) continue;
-    Pixel pixel = Pixel::kBackground;
-    Finished finished;
-    uint32_t color = work.background ? work.background[row] : 0;
-    if (triangle >= 0) {
-      pixel = shade_pixel<kPrepared>(job, work, at, triangle, &finished);
-      if (pixel == Pixel::kDrawn && job.image) color = encoded(*work.lookups.codes, finished.linear);
-      if (pixel == Pixel::kLeft) *work.any_left = 1;
+    *at = {word.view, word.x + lane_id(), word.y};
+    *row = word.view * job.height + word.y;
+    *first = *row * job.width + word.x;
+    *triangle = at->x < job.width && word.y < job.height ? triangle_of(job, *first + lane_id()) : -1;
+    return word.x < job.width && word.y < job.height;
+  };
+  uint32_t number = (blockIdx.x * kShadeWarps + this_warp()) * kWords;
+#pragma unroll 1
+  for (; number < word_count(work); number = reread(turn.word) + gridDim.x * (kShadeWarps * kWords)) {
+    Place at;
+    uint32_t row, first;
+    int32_t triangle;
+    unsigned covered = 0;
+#pragma unroll
+    for (int j = 0; j < kWords; ++j) {
+      if (!look(number + j, &at, &row, &first, &triangle)) continue;
+      if (work.beside || __any_sync(kAllLanes, triangle >= 0))
+        covered |= 1u << j;
+      else if (!work.areas.list)
+        store_word(job, first, job.width - (at.x - lane_id()), work.background[row]);
     }
-    const Turn now = {0, reread(turn.first), reread(turn.row), reread(turn.pixels)};
-    if (work.beside) {
-      if (pixel == Pixel::kBackground) finish_background(job, (int)(now.row % work.height.by), &finished);
-      if (pixel != Pixel::kLeft && lane_id() < now.pixels) store_beside(job, finished, now.first + lane_id());
-      const unsigned drawn = __ballot_sync(kAllLanes, pixel == Pixel::kDrawn);
-      if (work.drawn && lane_id() == 0)
-        work.drawn[now.row * row_words(job) + (job.width - now.pixels) / kWarp] = drawn;
+    __syncwarp();
+    if (lane_id() == 0) turn.word = number;
+    __syncwarp();
+#pragma unroll 1
+    for (; covered; covered &= covered - 1) {
+      if (kWords > 1) look(number + __ffs(covered) - 1, &at, &row, &first, &triangle);
+      __syncwarp();
+      if (lane_id() == 0) turn.first = first, turn.row = row, turn.pixels = job.width - (at.x - lane_id());
+      __syncwarp();
+      Pixel pixel = Pixel::kBackground;
+      Finished finished;
+      uint32_t color = work.background ? work.background[row] : 0;
+      if (triangle >= 0) {
+        pixel = shade_pixel<kPrepared>(job, work, at, triangle, &finished);
+        if (pixel == Pixel::kDrawn && job.image) color = encoded(*work.lookups.codes, finished.linear);
+        if (pixel == Pixel::kLeft) *work.any_left = 1;
+      }
+      const Turn now = {0, reread(turn.first), reread(turn.row), reread(turn.pixels)};
+      if (work.beside) {
+        if (pixel == Pixel::kBackground) finish_background(job, (int)(now.row % work.height.by), &finished);
+        if (pixel != Pixel::kLeft && lane_id() < now.pixels) store_beside(job, finished, now.first + lane_id());
+        const unsigned drawn = __ballot_sync(kAllLanes, pixel == Pixel::kDrawn);
+        if (work.drawn && lane_id() == 0)
+          work.drawn[now.row * row_words(job) + (job.width - now.pixels) / kWarp] = drawn;
+      }
+      if (job.image) store_word(job, now.first, now.pixels, color);
     }
-    if (job.image) store_word(job, now.first, now.pixels, color);
   }
 }
 
@@ -369,9 +393,7 @@ __global__ void __launch_bounds__(kShadeThreads, 4)
         }
         store_beside(job, finished, i);
         if (job.image)
-          store_pixel(
-              job, i,
-              drawn ? encoded(*work.lookups.codes, finished.linear) : work.background[row]);
+          store_pixel(job, i, drawn ? encoded(*work.lookups.codes, finished.linear) : work.background[row]);
       }
       waiting &= ~__ballot_sync(kAllLanes, mine);
     }
@@ -515,9 +537,10 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
                 for_vertices = at.work.projected ? blocks_of_items(job.views * job.vertices) : 0,
                 for_tables =
                     blocks_of_items(max_of(max_of<int64_t>(kSrgbSteps, job.surface.lights), job.views * job.height));
-  BIGTRI_CUDA(launch_first(begin_frame, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job, at.work,
-                           thresholds, some_textures(job.surface, 0), (unsigned)for_triangles, (unsigned)for_vertices));
-  if (job.samples > 1) return cudaSuccess;
+  BIGTRI_CUDA(launch_first(begin_frame, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job,
+                           at.work, thresholds, some_textures(job.surface, 0), (unsigned)for_triangles,
+                           (unsigned)for_vertices));
+  if (!job.areas) return cudaSuccess;
   return in_parts(job, at, [&](const Shading& part, const Work& work) {
     const int64_t warps = (part.views * part.height * part.width * part.channels + 511) / 512;
     int blocks;
@@ -529,20 +552,23 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
 cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   const Layout at = lay_out(given, &scratch);
+  const int64_t of_view = (int64_t)given.height * given.width;
   return in_parts(given, at, [&](Shading job, const Work& work) {
     uint8_t* const image = job.image;
     if (job.samples > 1) {
       job.image = nullptr;
       if (!job.linear) job.linear = at.linear;
     }
-    const auto kernel = work.prepared ? shade<true> : shade<false>;
-    const int64_t warps = all_of(work.areas) * kWordsOfArea;
+    const bool large = of_view >= kPixelsOfLarge;
+    const auto kernel = work.prepared ? large ? shade<true, kWordsOfLarge> : shade<true, 1> : shade<false, 1>;
+    const int64_t words = all_of(work.areas) * kWordsOfArea,
+                  warps = words / (work.prepared && large ? kWordsOfLarge : 1);
     int blocks;
     // What is listed nearly all has a triangle, so that warps may take words in turn; else the device shares them out.
     BIGTRI_CUDA(blocks_of(kernel, warps, &blocks));
     if (!job.areas) blocks = (int)((warps + kShadeWarps - 1) / kShadeWarps);
     BIGTRI_CUDA(launch_next(kernel, blocks, kShadeThreads, 0, stream, job, work));
-    BIGTRI_CUDA(blocks_of(shade_left, warps, &blocks));
+    BIGTRI_CUDA(blocks_of(shade_left, words, &blocks));
     BIGTRI_CUDA(launch_next(shade_left, blocks, kShadeThreads, 0, stream, job, work));
     if (job.samples == 1) return cudaSuccess;
     const float* linear = job.linear;
