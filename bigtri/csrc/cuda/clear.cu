@@ -52,7 +52,7 @@ __global__ void __launch_bounds__(kClearThreads, 4) clear_frame(const __grid_con
 
 // Marks the areas that triangles of the views may touch, a thread a triangle: those that its bounding box meets, or all
 // of its view's where it has to be clipped. projected: the vertices of all views, or null.
-constexpr int kMarkThreads = 256;
+constexpr int kMarkThreads = 64;
 constexpr int kOwnWords =
     4;  // of marks; a triangle with more is a whole warp's, so that a large one does not hold up a lane
 
@@ -73,18 +73,13 @@ struct MarkBox {
   }
 };
 
-__device__ __forceinline__ void mark(const Areas& areas, int64_t word, uint32_t bits) {
-  uint32_t* const marks = areas.marks + word;
-  if (bits & ~reread(*marks)) atomicOr(marks, bits);  // most are marked already
-}
-
 // The lanes' words, each once: a warp's triangles are neighbours, and so are their areas. word: -1 for none. By all lanes.
 __device__ __forceinline__ void mark_together(const Areas& areas, int64_t word, uint32_t bits) {
   for (unsigned todo = __ballot_sync(kAllLanes, word >= 0); todo;) {
     const int first = __ffs(todo) - 1;
     const bool same = word == __shfl_sync(kAllLanes, word, first);
     const uint32_t all = warp_or(same ? bits : 0);
-    if (lane_id() == first) mark(areas, word, all);
+    if (lane_id() == first) atomicOr(areas.marks + word, all);
     todo &= ~__ballot_sync(kAllLanes, same);
   }
 }
@@ -133,7 +128,7 @@ __global__ void __launch_bounds__(kMarkThreads)
     for (int i = lane_id(); i < its.words(); i += kWarp) {
       uint32_t bits;
       const int64_t word = its.word(areas, i, &bits);
-      mark(areas, word, bits);
+      atomicOr(areas.marks + word, bits);
     }
   }
 }

@@ -21,6 +21,9 @@ namespace {
 
 constexpr int kShadeWarps = 4;  // of a block, in all kernels but begin_frame
 constexpr int kShadeThreads = kShadeWarps * kWarp;
+// Of `shade` where areas are listed. Their number only the device knows, so there are blocks for all areas, of which most
+// have nothing to do: the fewer, the better.
+constexpr int kListedThreads = 512;
 constexpr int kBeginWarps = 8;
 constexpr int kBeginThreads = kBeginWarps * kWarp;
 // A word is 32 pixels of a row; an area has so many. In a large picture a warp takes several together.
@@ -282,72 +285,63 @@ __global__ void __launch_bounds__(kShadeThreads)
   }
 }
 
-// A warp's word. It lies in shared memory, so that no register holds it while its pixels are finished.
-struct Turn {
-  uint32_t word;   // its number
-  uint32_t first;  // its first pixel
-  uint32_t row;    // of the buffers of all views
-  int32_t pixels;  // from there to the end of the row
-};
-
-// A warp takes kWords words in turn, which it looks at together, and then goes through those that have a triangle. Where
-// areas are listed, the picture has its background already.
+// A warp takes kWords words, which it looks at together, and then goes through those that have a triangle. Where areas are
+// listed, the picture has its background already.
 template <bool kPrepared, int kWords>
-__global__ void __launch_bounds__(kShadeThreads, 8)
+__global__ void __launch_bounds__(kListedThreads, 1024 / kListedThreads)
     shade(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
-  __shared__ Turn turns[kShadeWarps];
-  Turn& turn = turns[this_warp()];
   wait_for_previous();
-  const auto look = [&](uint32_t number, Place* at, uint32_t* row, uint32_t* first, int32_t* triangle) {
-    const Place word = word_at(work, number);
+  const uint32_t start = (blockIdx.x * (blockDim.x / kWarp) + this_warp()) * kWords;
+  if (start >= word_count(work)) return;
+  // Word number i, with all lanes: false where none of it lies in the image.
+  const auto look = [&](uint32_t i, Place* at, uint32_t* row, int32_t* triangle) {
+    const Place word = word_at(work, i);
     *at = {word.view, word.x + lane_id(), word.y};
     *row = word.view * job.height + word.y;
-    *first = *row * job.width + word.x;
-    *triangle = at->x < job.width && word.y < job.height ? triangle_of(job, *first + lane_id()) : -1;
+    *triangle = at->x < job.width && word.y < job.height ? triangle_of(job, *row * job.width + at->x) : -1;
     return word.x < job.width && word.y < job.height;
   };
-  uint32_t number = (blockIdx.x * kShadeWarps + this_warp()) * kWords;
-#pragma unroll 1
-  for (; number < word_count(work); number = reread(turn.word) + gridDim.x * (kShadeWarps * kWords)) {
-    Place at;
-    uint32_t row, first;
-    int32_t triangle;
-    unsigned covered = 0;
+  const auto store = [&](const Place& at, uint32_t row, uint32_t color) {
+    const int x = at.x - lane_id();
+    store_word(job, row * job.width + x, job.width - x, color);
+  };
+  const auto finish_word = [&](const Place& at, uint32_t row, int32_t triangle) {
+    Pixel pixel = Pixel::kBackground;
+    Finished finished;
+    uint32_t color = work.background ? work.background[row] : 0;
+    if (triangle >= 0) {
+      pixel = shade_pixel<kPrepared>(job, work, at, triangle, &finished);
+      if (pixel == Pixel::kDrawn && job.image) color = encoded(*work.lookups.codes, finished.linear);
+      if (pixel == Pixel::kLeft) *work.any_left = 1;
+    }
+    if (work.beside) {
+      if (pixel == Pixel::kBackground) finish_background(job, at.y, &finished);
+      if (pixel != Pixel::kLeft && at.x < job.width) store_beside(job, finished, row * job.width + at.x);
+      const unsigned drawn = __ballot_sync(kAllLanes, pixel == Pixel::kDrawn);
+      if (work.drawn && lane_id() == 0) work.drawn[row * row_words(job) + at.x / kWarp] = drawn;
+    }
+    if (job.image) store(at, row, color);
+  };
+  Place at;
+  uint32_t row;
+  int32_t triangle;
+  unsigned covered = 0;
 #pragma unroll
-    for (int j = 0; j < kWords; ++j) {
-      if (!look(number + j, &at, &row, &first, &triangle)) continue;
-      if (work.beside || __any_sync(kAllLanes, triangle >= 0))
-        covered |= 1u << j;
-      else if (!work.areas.list)
-        store_word(job, first, job.width - (at.x - lane_id()), work.background[row]);
-    }
-    __syncwarp();
-    if (lane_id() == 0) turn.word = number;
-    __syncwarp();
+  for (int j = 0; j < kWords; ++j) {
+    if (!look(start + j, &at, &row, &triangle)) continue;
+    if (work.beside || __any_sync(kAllLanes, triangle >= 0))
+      covered |= 1u << j;
+    else if (!work.areas.list)
+      store(at, row, work.background[row]);
+  }
+  if constexpr (kWords == 1) {
+    if (covered) finish_word(at, row, triangle);
+    return;
+  }
 #pragma unroll 1
-    for (; covered; covered &= covered - 1) {
-      if (kWords > 1) look(number + __ffs(covered) - 1, &at, &row, &first, &triangle);
-      __syncwarp();
-      if (lane_id() == 0) turn.first = first, turn.row = row, turn.pixels = job.width - (at.x - lane_id());
-      __syncwarp();
-      Pixel pixel = Pixel::kBackground;
-      Finished finished;
-      uint32_t color = work.background ? work.background[row] : 0;
-      if (triangle >= 0) {
-        pixel = shade_pixel<kPrepared>(job, work, at, triangle, &finished);
-        if (pixel == Pixel::kDrawn && job.image) color = encoded(*work.lookups.codes, finished.linear);
-        if (pixel == Pixel::kLeft) *work.any_left = 1;
-      }
-      const Turn now = {0, reread(turn.first), reread(turn.row), reread(turn.pixels)};
-      if (work.beside) {
-        if (pixel == Pixel::kBackground) finish_background(job, (int)(now.row % work.height.by), &finished);
-        if (pixel != Pixel::kLeft && lane_id() < now.pixels) store_beside(job, finished, now.first + lane_id());
-        const unsigned drawn = __ballot_sync(kAllLanes, pixel == Pixel::kDrawn);
-        if (work.drawn && lane_id() == 0)
-          work.drawn[now.row * row_words(job) + (job.width - now.pixels) / kWarp] = drawn;
-      }
-      if (job.image) store_word(job, now.first, now.pixels, color);
-    }
+  for (; covered; covered &= covered - 1) {
+    look(start + __ffs(covered) - 1, &at, &row, &triangle);
+    finish_word(at, row, triangle);
   }
 }
 
@@ -563,11 +557,9 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
     const auto kernel = work.prepared ? large ? shade<true, kWordsOfLarge> : shade<true, 1> : shade<false, 1>;
     const int64_t words = all_of(work.areas) * kWordsOfArea,
                   warps = words / (work.prepared && large ? kWordsOfLarge : 1);
+    const int threads = job.areas ? kListedThreads : kShadeThreads;
+    BIGTRI_CUDA(launch_next(kernel, (warps * kWarp + threads - 1) / threads, threads, 0, stream, job, work));
     int blocks;
-    // What is listed nearly all has a triangle, so that warps may take words in turn; else the device shares them out.
-    BIGTRI_CUDA(blocks_of(kernel, warps, &blocks));
-    if (!job.areas) blocks = (int)((warps + kShadeWarps - 1) / kShadeWarps);
-    BIGTRI_CUDA(launch_next(kernel, blocks, kShadeThreads, 0, stream, job, work));
     BIGTRI_CUDA(blocks_of(shade_left, words, &blocks));
     BIGTRI_CUDA(launch_next(shade_left, blocks, kShadeThreads, 0, stream, job, work));
     if (job.samples == 1) return cudaSuccess;
