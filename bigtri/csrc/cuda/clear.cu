@@ -62,11 +62,9 @@ struct MarkBox {
   int left, right;    // columns of areas, the last one within
   int rows;
 
-  __device__ __forceinline__ int columns() const { return right / 32 - left / 32 + 1; }
-  __device__ __forceinline__ int words() const { return rows * columns(); }
-  // Word i: where it is among all words, and its bits of the box.
-  __device__ __forceinline__ int64_t word(const Areas& areas, int i, uint32_t* bits) const {
-    const int down = i / columns(), across = left / 32 + i - down * columns();
+  __device__ __forceinline__ bool is_small() const { return rows <= kOwnRows && left / 32 == right / 32; }
+  // Word `across` of row `down`: where it is among all words, and its bits of the box.
+  __device__ __forceinline__ int64_t word(const Areas& areas, int down, int across, uint32_t* bits) const {
     const int low = max_of(left - 32 * across, 0), high = min_of(right - 32 * across, 31);
     *bits = ~0u << low & ~0u >> (31 - high);
     return (first_row + down) * areas.pitch + across;
@@ -117,19 +115,19 @@ __global__ void __launch_bounds__(kMarkThreads)
   MarkBox box = {};
   if (item < items) box = mark_box(f, areas, projected, triangles, item);
   wait_for_previous();
-  const int words = box.rows > 0 ? box.words() : 0, own = words <= kOwnWords ? words : 0;
-  for (int i = 0; __any_sync(kAllLanes, i < own); ++i) {
+  for (int down = 0; __any_sync(kAllLanes, box.is_small() && down < box.rows); ++down) {
     uint32_t bits = 0;
-    const int64_t word = i < own ? box.word(areas, i, &bits) : -1;
+    const int64_t word = box.is_small() && down < box.rows ? box.word(areas, down, box.left / 32, &bits) : -1;
     mark_together(areas, word, bits);
   }
-  for (unsigned wide = __ballot_sync(kAllLanes, words > kOwnWords); wide; wide &= wide - 1) {
-    const MarkBox its = of_lane(box, __ffs(wide) - 1);
-    for (int i = lane_id(); i < its.words(); i += kWarp) {
-      uint32_t bits;
-      const int64_t word = its.word(areas, i, &bits);
-      atomicOr(areas.marks + word, bits);
-    }
+  for (unsigned large = __ballot_sync(kAllLanes, !box.is_small()); large; large &= large - 1) {
+    const MarkBox its = of_lane(box, __ffs(large) - 1);
+    for (int down = lane_id(); down < its.rows; down += kWarp)
+      for (int across = its.left / 32; across <= its.right / 32; ++across) {
+        uint32_t bits;
+        const int64_t word = its.word(areas, down, across, &bits);
+        atomicOr(areas.marks + word, bits);
+      }
   }
 }
 
