@@ -9,16 +9,19 @@ takes more than 1.1 times as long as the best way, and more than 1 us longer.
     python bench/best.py --csv build/gpu/cuda_best.csv
     python bench/best.py --scenes R4k --batches none --setting two_stage:widest=64 --setting bin_owned:few=0,share=16
     python bench/best.py --device cpu --batches none --csv bench/results/best_cpu.csv
+    python bench/best.py --device cpu --batches none --model duck.glb bunny.ply --csv bench/results/best_models_cpu.csv
+    python bench/best.py --device cpu --rows bench/results/best*_cpu.csv --docs docs/variants.md      # tables alone
     python bench/best.py --device cpu --batches none --tuning tuning.json
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import statistics
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -26,10 +29,11 @@ from typing import NamedTuple
 import cuda_cases
 import cuda_clock
 import cuda_floor
+import markdown
 import numpy as np
 import torch
 from cuda_cases import AUTO, Case, Way
-from cuda_clock import Call, Clock, Job, Machine, Row, text_of
+from cuda_clock import Call, Clock, Job, Machine, text_of
 
 import bigtri
 from bigtri import native
@@ -76,16 +80,35 @@ HEADER = (
 )
 
 
-def verdict(job: Job, times: dict[str, list[list[float]]]) -> Verdict | None:
-    """times: us [way][round][repeat]; None without auto or without another way."""
-    medians = {name: np.array([statistics.median(each) for each in rounds]) for name, rounds in times.items()}  # [round]
-    us = {name: statistics.median(sum(rounds, [])) for name, rounds in times.items()}
-    fixed = [name for name in us if name not in (AUTO.name, MEMSET)]
-    if AUTO.name not in us or not fixed:
+Times = dict[str, list[list[float]]]  # us [way][round][repeat]
+
+
+@dataclasses.dataclass
+class Row(cuda_clock.Row):
+    """A way in a case, and auto's time over this one's in the same rounds: the median of the rounds, and its quartiles."""
+
+    ratio: float | None = None  # None for auto, and for what took no turns
+    ratio_p25: float | None = None
+    ratio_p75: float | None = None
+
+
+def ratios(times: Times, name: str) -> tuple[float, float, float] | None:
+    """auto's time over that of a way in the same rounds: the lower quartile of the rounds, their median, the upper quartile."""
+    if name == AUTO.name or AUTO.name not in times or name not in times:
         return None
-    best = min(fixed, key=us.__getitem__)
-    low, middle, high = np.percentile(medians[AUTO.name] / medians[best], [25, 50, 75])
-    return Verdict(job, us[AUTO.name], us[best], best, float(middle), float(low), float(high), us.get(MEMSET))
+    auto, way = (np.array([statistics.median(each) for each in times[which]]) for which in (AUTO.name, name))
+    low, middle, high = np.percentile(auto / way, [25, 50, 75])
+    return float(low), float(middle), float(high)
+
+
+def verdict(job: Job, times: Times) -> Verdict | None:
+    """None without auto or without another way."""
+    us = {name: statistics.median(sum(rounds, [])) for name, rounds in times.items()}
+    best = min((name for name in us if name not in (AUTO.name, MEMSET)), key=us.__getitem__, default="")
+    if not (found := ratios(times, best)):
+        return None
+    low, middle, high = found
+    return Verdict(job, us[AUTO.name], us[best], best, middle, low, high, us.get(MEMSET))
 
 
 class Contest:
@@ -110,7 +133,9 @@ class Contest:
         for name in replays | running:
             us = sum(times[name], []) if name in times else [first[name]]
             method = "graph" if case.packed.is_cuda else "wall"
-            self.rows.append(cuda_clock.row_of(case.job, name, len(case.triangles), method, us, wrong.get(name), self.where))
+            row = cuda_clock.row_of(case.job, name, len(case.triangles), method, us, wrong.get(name), self.where)
+            low, middle, high = ratios(times, name) or (None, None, None)
+            self.rows.append(Row(**vars(row), ratio=middle, ratio_p25=low, ratio_p75=high))
         if found := verdict(case.job, times):
             self.verdicts.append(found)
 
@@ -161,6 +186,51 @@ def steps(variants: Mapping[str, native.Variant]) -> tuple[Way, ...]:
     return tuple(found)
 
 
+# --- a page's tables, from the rows
+
+
+def from_rows(rows: Iterable[Mapping[str, str]]) -> list[Verdict]:
+    """Verdicts of a CSV's rows. Files that have no ratios give those of the medians.
+
+    Raises:
+        SystemExit: the rows are another script's.
+    """
+    cases: dict[Job, dict[str, Mapping[str, str]]] = {}
+    found = []
+    try:
+        for row in rows:
+            job = Job(row["scene"], *(int(row[name]) for name in ("width", "height", "seed", "views")))
+            cases.setdefault(job, {})[row["variant"]] = row
+        for job, ways in cases.items():
+            us = {name: float(row["us_median"]) for name, row in ways.items()}
+            best = min((name for name in us if name not in (AUTO.name, MEMSET)), key=us.__getitem__, default="")
+            if not best or AUTO.name not in us:
+                continue
+            plain = us[AUTO.name] / us[best]
+            ratio, low, high = (float(ways[best].get(name) or plain) for name in ("ratio", "ratio_p25", "ratio_p75"))
+            found.append(Verdict(job, us[AUTO.name], us[best], best, ratio, low, high, us.get(MEMSET)))
+    except (KeyError, ValueError) as error:
+        raise SystemExit(f"--rows: no rows of this script: {error!r}") from None
+    return found
+
+
+def page(verdicts: Sequence[Verdict], rows: Sequence[Mapping[str, str]]) -> str:
+    """auto's us and its ratio to the best fixed way: a scene a line, a size or a batch a column."""
+    times, above = ALLOWED
+    whence = ("{device}; torch {torch}; commit {commit}: `{command}`.".format(**row) for row in rows)
+    behind = [found for found in verdicts if found.marked]
+    named = "; ".join(f"{v.job}: {text_of(v.auto)} against {text_of(v.best)} ({v.name}, {v.ratio:.2f})" for v in behind)
+    text = f"Within {(times - 1) * 100:.0f} % or {above:g} us of the best fixed way in {len(verdicts) - len(behind)} of "
+    text += f"{len(verdicts)} cases." + (f" The others, us: {named}." if behind else "")
+    parts = [*(markdown.wrapped(each) for each in dict.fromkeys(whence)), markdown.wrapped(text)]
+    for some in ([v for v in verdicts if v.job.views == 1], [v for v in verdicts if v.job.views > 1]):
+        sizes = list(dict.fromkeys(v.job.size for v in some))
+        cells = {(v.job.scene, v.job.size): f"{text_of(v.auto)} ({v.ratio:.2f})" for v in some}
+        lines = [[s, *(cells.get((s, size), "-") for size in sizes)] for s in dict.fromkeys(v.job.scene for v in some)]
+        parts += [markdown.table(["auto, us (over the best)", *sizes], lines)] if some else []
+    return "\n\n".join(parts)
+
+
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     cuda_cases.add_cases(parser)
@@ -177,7 +247,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--csv", metavar="FILE", type=option_types.csv_file, help="write the rows there")
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cuda", help="where to draw (default %(default)s)")
     parser.add_argument("--tuning", type=Path, metavar="FILE", help="let auto go by what bigtri tune has written there")
+    parser.add_argument("--rows", type=Path, nargs="+", metavar="FILE", help="take the rows from there and measure nothing")
+    parser.add_argument("--docs", type=Path, metavar="PAGE", help="put the tables there, between their markers")
     arguments = parser.parse_args(argv)
+    if arguments.rows:
+        return from_files(arguments)
     end = time.perf_counter() + arguments.total
     device = cuda_cases.device_for(arguments.device == "cpu")
     if arguments.tuning:
@@ -203,6 +277,9 @@ def main(argv: list[str] | None = None) -> int:
             benchmark.write_csv(arguments.csv, contest.rows, cuda_clock.DIGITS)
         if device.type == "cuda":
             torch.cuda.empty_cache()
+    if arguments.docs:
+        as_text = [{field.name: str(getattr(row, field.name)) for field in dataclasses.fields(row)} for row in contest.rows]
+        markdown.paste(arguments.docs, f"best {arguments.device}", page(contest.verdicts, as_text))
     for failure in contest.failures:
         print("FAILED", failure)
     marked = [found for found in contest.verdicts if found.marked]
@@ -210,6 +287,16 @@ def main(argv: list[str] | None = None) -> int:
     print(f"auto is behind the best by more than 10 % and 1 us in {len(marked)}", end="")
     print(":" + "".join(f"\n  {found.line()}" for found in marked) if marked else "")
     return 1 if contest.wrong() or contest.failures or not contest.verdicts else 0
+
+
+def from_files(arguments: argparse.Namespace) -> int:
+    """Verdicts of CSVs, on the screen and on a page."""
+    rows = [row for path in arguments.rows for row in benchmark.read_csv(path)]
+    verdicts = from_rows(rows)
+    print(HEADER, *(found.line() for found in verdicts), sep="\n")
+    if arguments.docs:
+        markdown.paste(arguments.docs, f"best {arguments.device}", page(verdicts, rows))
+    return 0
 
 
 if __name__ == "__main__":

@@ -7,17 +7,20 @@
 #     MODELS="duck.glb bunny.ply" bench/gpu.sh build models
 #
 # Steps: build, test, quick (a minute of benchmark, without floor), bench, models (bench and best on models of your own), best (auto
-# against the best setting), sweep (for cliffs), scaling, plot, sanitize. A step that fails does not keep the next one from running;
-# the summary comes last, and the exit code is 1 if one failed. Logs, CSVs and pictures go to $OUT (default build/gpu).
+# against the best setting), variants (the report about all of them, with counters if BIGTRI_CUDA_COUNTING=1 was set for the build;
+# fragments.py), smoke (bigtri tune, the counters and that report on two scenes), sweep (for cliffs), scaling, plot, sanitize. A step
+# that fails does not keep the next one from running; the summary comes last, and the exit code is 1 if one failed. Logs, CSVs and
+# pictures go to $OUT (default build/gpu).
 #
 #   OUT             folder of results
 #   PYTHON          default python3, which must have torch for CUDA
 #   BIGTRI_WHEELS   folder of wheels to install first, without a network; nothing is installed otherwise
 #   BIGTRI_COMMIT   what the rows say where there is no .git
 #   MODELS          files for the step models
-#   TEST_ARGS BENCH_ARGS BEST_ARGS SCALING_ARGS   more arguments for pytest, cuda_run.py, best.py, cuda_scaling.py
-#   BUILD_TIMEOUT TEST_TIMEOUT BENCH_TIMEOUT BEST_TIMEOUT SCALING_TIMEOUT SANITIZE_TIMEOUT   seconds (360, 240, 300, 240, 240,
-#                   240 for each tool)
+#   TEST_ARGS BENCH_ARGS BEST_ARGS VARIANTS_ARGS SCALING_ARGS   more arguments for pytest, cuda_run.py, best.py, variants.py,
+#                   cuda_scaling.py
+#   BUILD_TIMEOUT TEST_TIMEOUT BENCH_TIMEOUT BEST_TIMEOUT VARIANTS_TIMEOUT SCALING_TIMEOUT SANITIZE_TIMEOUT   seconds (360, 240,
+#                   300, 240, 240, 240, 240 for each tool)
 set -u
 cd "$(dirname "$0")/.." || exit 2
 OUT=${OUT:-build/gpu}
@@ -96,6 +99,18 @@ for name in "${steps[@]}"; do
     best)
       # shellcheck disable=SC2086
       step best "${BEST_TIMEOUT:-240}" 120 "$PYTHON" bench/best.py --csv "$OUT/cuda_best.csv" ${BEST_ARGS:-}
+      ;;
+    variants)
+      # shellcheck disable=SC2086
+      step variants "${VARIANTS_TIMEOUT:-240}" 40 "$PYTHON" bench/variants.py --device cuda --seconds 0.02 --total 220 --csv "$OUT/variants.csv" ${VARIANTS_ARGS:-}
+      step fragments 120 40 "$PYTHON" bench/fragments.py --device cuda --seconds 0.05 --csv "$OUT/fragments.csv"
+      ;;
+    smoke)
+      step smoke-tune 60 20 "$PYTHON" -m bigtri tune R4k S2 --device cuda --size 256x256 --seconds 0.2 --file "$OUT/tuning.json"
+      step smoke-tuned 60 5 "$PYTHON" bench/best.py --scenes R4k,S2 --size 256x256 --batches none --seconds 0.02 --total 40 --tuning "$OUT/tuning.json"
+      step smoke-count 60 12 "$PYTHON" -m pytest -p no:cacheprovider tests/cuda/test_cuda_counters.py
+      step smoke-variants 60 20 "$PYTHON" bench/variants.py --device cuda --scenes R4k,S2 --size 256x256 --sweep S2 --approach R16k --distances 0.5,4 --move R16k-close --seconds 0.01 --total 45 --csv "$OUT/smoke_variants.csv"
+      step smoke-fragments 60 12 "$PYTHON" bench/fragments.py --device cuda --scenes R4k,S2 --size 640x360 --seconds 0.02 --csv "$OUT/smoke_fragments.csv"
       ;;
     sweep)
       # shellcheck disable=SC2086

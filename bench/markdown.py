@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +11,11 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """Numbers to the right, the first column to the left."""
     lines = [head, ["---", *["--:"] * (len(head) - 1)], *rows]
     return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
+
+
+def wrapped(paragraph: str) -> str:
+    """A paragraph in lines of 120, as pages have it."""
+    return textwrap.fill(paragraph, 120, break_long_words=False, break_on_hyphens=False)
 
 
 def paste(path: Path, name: str, text: str) -> None:

@@ -27,6 +27,13 @@ def _new_size() -> torch.SymInt:
     return torch.library.get_ctx().new_dynamic_size(min=0)
 
 
+def _visibility(a: dict[str, Any]) -> tuple[torch.Tensor | None, ...]:
+    positions, views = a["positions"], a["positions"].shape[:-2]
+    image = (*views, a["height"], a["width"])
+    depth = positions.new_empty(image) if a["depth"] else None
+    return positions.new_empty(image, dtype=torch.int64), depth, positions.new_empty(views, dtype=torch.int64)
+
+
 def _records(a: dict[str, Any]) -> tuple[torch.Tensor, ...]:
     n = _new_size()
     i32, f32, i64, f64 = torch.int32, torch.float32, torch.int64, torch.float64
@@ -66,6 +73,13 @@ OPERATORS: dict[str, _Operator] = {
         },
         anywhere=("ranges",),
     ),
+    "map_work": _Operator(
+        {
+            **{"positions": 2, "triangles": 2, "packed": 2, "dropped": 0},
+            **{"counters": 1, "fragments": 2, "edges": 1, "tasks": 1},
+        }
+    ),
+    "rasterize_new": _Operator({"positions": (2, 3), "triangles": 2}, _visibility),
     "setup": _Operator({"positions": 2, "triangles": 2}, _records),
     "binning": _Operator({"xy": 3, "bbox": 2}, _bins),
     "tile_mask": _Operator({"xy": 3, "bbox": 2, "queue": 2}, _masks),

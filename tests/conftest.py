@@ -22,3 +22,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     left_out = [item for item in items if item.get_closest_marker("exhaustive")]
     config.hook.pytest_deselected(items=left_out)
     items[:] = [item for item in items if not item.get_closest_marker("exhaustive")]
+
+
+@pytest.fixture
+def no_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if it were not installed, whoever has imported it before."""
+    import bigtri.study
+
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for name in ("accuracy_plots", "pyplot", "work_plots"):
+        monkeypatch.delitem(sys.modules, f"bigtri.study.{name}", raising=False)
+        monkeypatch.delattr(bigtri.study, name, raising=False)

@@ -30,6 +30,7 @@ def parser(program: str = "bigtri compare") -> argparse.ArgumentParser:
         f"  {program} S2 --size 1080p\n"
         f"  {program} --variants bin_owned,two_stage scan.ply --azimuth 120\n"
         f"  {program} Rcourtyard --device cuda --precision fast\n"
+        f"  {program} S3 --size 640x360 --plots plots\n"
         f"  {program} S2 --load mine.py --variants mine,bin_owned --size 320x240",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -45,6 +46,8 @@ def parser(program: str = "bigtri compare") -> argparse.ArgumentParser:
     result.add_argument("--isa", default="", help="instruction set of the CPU (default: the fastest)")
     result.add_argument("--seed", type=arguments.seed, default=scenes.SEED, help="of a named scene (default %(default)s)")
     result.add_argument("--seconds", type=arguments.seconds, default=0.5, help="of the clock, each variant (default 0.5)")
+    about = "also draw there where each variant of the CPU does its work, overdraw, and the load of tasks; needs matplotlib"
+    result.add_argument("--plots", type=Path, metavar="FOLDER", help=about)
     camera = result.add_argument_group("camera, for a model file")
     about = "degrees around the up axis (default: 30)"
     camera.add_argument("--azimuth", type=float, nargs=1, metavar="DEGREES", help=about)
@@ -58,6 +61,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: argparse's, for --help and for what cannot be drawn: an unknown name, a rung that is not compiled.
         OSError, ValueError: a file that cannot be read.
+        ImportError: --plots without matplotlib.
+        RuntimeError: --plots with a rung whose work is not counted.
     """
     command = parser()
     options = command.parse_args(argv)
@@ -77,11 +82,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         command.error(f"--device must be one of {built}, as the extension is built here, got {options.device}")
     if options.precision not in rungs:
         command.error(f"--precision must be one of {', '.join(rungs)}, as the extension is built here, got {options.precision}")
+    if options.plots:
+        if options.device != "cpu":
+            command.error(f"--plots must be given with --device cpu, got {options.device}")
+        from ..study import work_plots  # without matplotlib it is said before anything is drawn
     if options.load:
         runpy.run_path(str(options.load))
     try:
         own = registered_variants() if options.load else {}
         variants = arguments.chosen("variant", options.variants, [*rungs[options.precision], *own])
+        counted = [variant for variant in variants if variant not in own]
+        if options.plots and not counted:
+            raise ValueError("--plots must be given with a variant of the extension, which counts its work")
         if options.isa:
             arguments.chosen("instruction set", options.isa, native.isa_levels())
         case = case_of(options.scene, options.size, options)
@@ -93,8 +105,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     how = f"{threads} threads, {options.isa or native.isa()}" if options.device == "cpu" else options.device
     print(f"{case.name}, {len(case.triangles)} triangles, {case.width}x{case.height} px, {options.precision}, {how}", flush=True)
     with clock.setting(threads, options.isa or None):
+        plots = []
+        if options.plots:  # what is not counted is said before anything is timed
+            plots = work_plots.draw_all(job, case.name, counted, options.plots)
         rows = compare(job, variants, options.seconds)
     print(table(rows))
+    for path in plots:
+        print(path)
     return _DIFFERS if any(row.differences for row in rows) else 0
 
 

@@ -80,16 +80,19 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget_the_lock)
 
 
+def is_torchs(like: torch.Tensor, shape: tuple[int, ...], dtype: torch.dtype) -> bool:
+    """Whether ``new`` has the memory from torch's own allocator: all but large results on the CPU."""
+    return not like.is_cpu or _bytes(shape, dtype) < SMALLEST
+
+
 def new(like: torch.Tensor, shape: tuple[int, ...], dtype: torch.dtype) -> torch.Tensor:
     """A tensor whose content is not initialised, on the device of ``like``; beside a fake tensor a fake one."""
     if type(like) is not torch.Tensor or torch.compiler.is_compiling():
         return like.new_empty(shape, dtype=dtype)
-    size = dtype.itemsize
-    for n in shape:
-        size *= n
-    if size < SMALLEST or not like.is_cpu:
+    if is_torchs(like, shape, dtype):
         # Not new_empty(shape): torch takes 0.5 us of 1.5 to read a tuple there.
         return like.new_empty(*shape, dtype=dtype) if shape else like.new_empty_strided((), (), dtype=dtype)
+    size = _bytes(shape, dtype)
     # Whole pages, so that the first and the last of a result are huge ones too.
     unit = _HUGE_PAGE if size >= _SMALLEST_HUGE else _ALIGNMENT
     buffer = _cache.take(-(-size // unit) * unit + unit)
@@ -98,6 +101,13 @@ def new(like: torch.Tensor, shape: tuple[int, ...], dtype: torch.dtype) -> torch
     # The tensor holds `result`, and whatever views it the tensor's storage.
     weakref.finalize(result, _cache.give_back, buffer).atexit = False  # type: ignore[misc]
     return torch.from_numpy(result).view(dtype).view(shape)
+
+
+def _bytes(shape: tuple[int, ...], dtype: torch.dtype) -> int:
+    size = dtype.itemsize
+    for n in shape:
+        size *= n
+    return size
 
 
 def held() -> int:

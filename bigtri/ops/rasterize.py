@@ -181,35 +181,42 @@ def _draw_as_is(
     Most calls are like that, and all checks of ``rasterize`` take longer than drawing a small picture. As with
     ``arguments.run_as_is`` the operator checks what they check, and the caller has them say what is wrong.
     """
-    given: list[tuple[Array, torch.dtype]] = [(positions, torch.float32), (triangles, torch.int32)]
-    if out is not None:
-        given.append((out, torch.int64))
-    if depth_out is not None:
-        given.append((depth_out, torch.float32))
-    inputs = arguments.all_as_is(*given)
-    if not inputs or not 2 <= inputs[0].ndim <= 3:
+    if torch.compiler.is_compiling():
         return None
-    clip, faces = inputs[:2]
-    rungs = native.REGISTRY.get("cuda" if clip.is_cuda else "cpu")
-    if rungs is None:
-        return None
-    if precision not in rungs:
+    clip, faces = arguments.as_is(positions, torch.float32), arguments.as_is(triangles, torch.int32)
+    if clip is None or faces is None or not 2 <= clip.ndim <= 3:
         return None
     views = clip.shape[:-2]
     shape = (*views, height, width)
-    picked = next(iter(rungs[precision].values()))
-    values = native.parameter_values(op, picked, None)
-    if tuned.tables:
-        picked, values = tuned.way_for(clip, faces, precision, shape) or (picked, values)
     try:
-        packed = memory.new(clip, shape, torch.int64) if out is None else inputs[2]
-        image = inputs[-1] if depth_out is not None else memory.new(clip, shape, torch.float32) if depth else None
+        if out is None and depth_out is None and _is_standard() and memory.is_torchs(clip, shape, torch.int64):
+            scissor = None if box == (0, 0, width, height) else box
+            made = torch.ops.bigtri.rasterize_new.default(clip, faces, height, width, cull, scissor, precision, depth)
+            return _result(positions, *made)
+        packed = memory.new(clip, shape, torch.int64) if out is None else arguments.as_is(out, torch.int64)
+        image = None
+        if depth_out is not None:
+            image = arguments.as_is(depth_out, torch.float32)
+        elif depth:
+            image = memory.new(clip, shape, torch.float32)
+        variants = native.REGISTRY.get("cuda" if clip.is_cuda else "cpu", {}).get(precision)
+        if packed is None or (depth and image is None) or not variants:
+            return None
+        picked = next(iter(variants.values()))
+        values = native.parameter_values(op, picked, None)
+        if tuned.tables:
+            picked, values = tuned.way_for(clip, faces, precision, shape) or (picked, values)
         dropped = memory.new(clip, views, torch.int64)
         drawing = (clip, faces, height, width, cull, box, picked.name, precision, 1, values, None, None)
         torch.ops.bigtri.rasterize.default(*drawing, packed, image, dropped, None)
     except (RuntimeError, MemoryError):
         return None
     return _result(positions, packed, image, dropped)
+
+
+def _is_standard() -> bool:
+    """Whether "auto" is the standard variant with its standard parameters in every call."""
+    return not tuned.tables and not native.parameters_are_set()
 
 
 def check_indices(op: str, triangles: torch.Tensor, vertices: int) -> None:

@@ -12,15 +12,7 @@ from typing import NamedTuple
 
 from ..precision import DEFAULT
 from .accuracy import CONTROL, Row, front
-
-try:
-    import matplotlib
-except ImportError as error:
-    raise ImportError("--plots needs matplotlib, which is not installed: pip install 'bigtri[bench]' brings it") from error
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
-from matplotlib.axes import Axes
+from .pyplot import Axes, plt
 
 # Colours apart for the colour-blind too (Okabe and Ito).
 _COLORS = {

@@ -63,7 +63,7 @@ def interleaved(
         pool = torch.cuda.graph_pool_handle()  # what the calls work with meanwhile, which no two do at once
         timed = {name: _timed_replay(call, pool) for name, call in calls.items()}
     else:
-        timed = {name: functools.partial(_wall_ms, call) for name, call in calls.items()}
+        timed = {name: functools.partial(wall_ms, call) for name, call in calls.items()}
     rng = np.random.default_rng(0)
     names = list(calls)
     ms: dict[str, list[float]] = {name: [] for name in names}
@@ -78,7 +78,8 @@ def interleaved(
     return ms
 
 
-def _wall_ms(call: Callable[[], object]) -> float:
+def wall_ms(call: Callable[[], object]) -> float:
+    """Milliseconds of one call by the host's clock."""
     start = time.perf_counter()
     call()
     return (time.perf_counter() - start) * 1e3
@@ -106,7 +107,7 @@ def captured(call: Callable[[], object], count: int, pool: Any = None) -> torch.
     return graph
 
 
-def _device_ms(call: Callable[[], object]) -> float:
+def device_ms(call: Callable[[], object]) -> float:
     """Milliseconds of the device for a call that only enqueues, however long the host takes for it."""
     start, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
     keep_the_device_busy(_WAIT_CYCLES)
@@ -120,10 +121,10 @@ def _device_ms(call: Callable[[], object]) -> float:
 def _timed_replay(call: Callable[[], object], pool: Any) -> Callable[[], float]:
     """What replays a call and gives its milliseconds."""
     call()  # loads kernels, and gives torch its memory
-    ms = min(_device_ms(call) for _ in range(5))  # the first calls find the device idle, its clocks low
+    ms = min(device_ms(call) for _ in range(5))  # the first calls find the device idle, its clocks low
     count = int(min(max(1.0, _REPLAY_MS / max(ms, 1e-3)), _MOST_CALLS))
     graph = captured(call, count, pool)
-    return lambda: _device_ms(graph.replay) / count
+    return lambda: device_ms(graph.replay) / count
 
 
 def peak_mib(call: Callable[[], object]) -> float | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import sys
 from pathlib import Path
 
 import pytest
@@ -107,9 +106,8 @@ def test_a_device_that_is_not_built(capsys: pytest.CaptureFixture[str], monkeypa
     assert "--device must be one of cpu, as the extension is built here, got cuda" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("no_matplotlib")
 def test_plots_without_matplotlib(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(sys.modules, "bigtri.study.accuracy_plots", raising=False)
     monkeypatch.setattr(accuracy, "study", lambda *_: pytest.fail("measured"))
     assert cli.main(["accuracy", "--quick", "--plots", str(tmp_path)]) == 1
     assert capsys.readouterr().err == (

@@ -180,6 +180,42 @@ def test_a_rung_that_is_not_counted_has_no_counters(monkeypatch):
     assert row.counters == {} and row.differences == [] and "records" not in command.table([row])
 
 
+def test_plots(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    options = ["--size", "96x64", "--seconds", "0", "--variants", "scanline,recursive_descent", "--plots", str(tmp_path / "new")]
+    assert cli.main(["compare", "S3", *options]) == 0
+    paths = [str(tmp_path / "new" / f"{name}.png") for name in ("work", "overdraw", "load")]
+    assert capsys.readouterr().out.splitlines()[-3:] == paths
+    assert sorted(map(str, (tmp_path / "new").iterdir())) == sorted(paths)
+
+
+@pytest.mark.usefixtures("no_matplotlib")
+def test_plots_without_matplotlib(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(compare, "compare", lambda *_: pytest.fail("drawn"))
+    assert cli.main(["compare", "ties", "--plots", str(tmp_path)]) == 1
+    assert "bigtri compare: --plots needs matplotlib, which is not installed: pip install" in capsys.readouterr().err
+
+
+def test_plots_of_what_is_not_counted(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(compare, "compare", lambda *_: pytest.fail("timed"))
+    (tmp_path / "own.py").write_text("import bigtri\nbigtri.register_variant('mine')(lambda *_, **__: None)\n")
+    options = ["compare", "ties", "--plots", str(tmp_path / "new")]
+    try:
+        with pytest.raises(SystemExit):
+            cli.main([*options, "--load", str(tmp_path / "own.py"), "--variants", "mine"])
+    finally:
+        for name in bigtri.registered_variants():
+            bigtri.unregister_variant(name)
+    assert "--plots must be given with a variant of the extension, which counts its work" in capsys.readouterr().err
+    for rung in native.REGISTRY["cpu"]:
+        if len(native.REGISTRY["cpu"][rung]) == 1:  # of the ladder, where it is built
+            assert cli.main([*options, "--precision", rung]) == 1
+            assert f"precision must be one whose variants count, got '{rung}'" in capsys.readouterr().err
+            break
+    assert not (tmp_path / "new").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "text"),
     [

@@ -278,6 +278,9 @@ def test_opcheck(variant):
     utilities = ("test_schema", "test_autograd_registration", "test_faketensor", "test_aot_dispatch_dynamic")
     given, named = split("rasterize", operator_arguments(variant))
     torch.library.opcheck(torch.ops.bigtri.rasterize, given, named, test_utils=utilities)
+    if variant == VARIANTS[0]:
+        whole = *given[:4], "none", None, "exact", True
+        torch.library.opcheck(torch.ops.bigtri.rasterize_new, whole, {}, test_utils=utilities)
 
 
 def test_inputs_that_require_grad(variant, path):

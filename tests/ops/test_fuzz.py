@@ -149,6 +149,25 @@ def rasterize(s: Source) -> Call:
     ), []
 
 
+def map_work(s: Source) -> Call:
+    height, width, cull, scissor = s.view()
+    h, w = (v if 0 <= v <= 64 else 8 for v in (height, width))
+    image, room = (64 * -(-h // 64), 64 * -(-w // 64)), s.size()  # of at most a bin, whose squares have 8, 16, 32 and 64 px
+    shapes = (h, w), (), COUNTS.shape, image, (64 + 16 + 4 + 1,), (room,)
+    variant, values = s.pick(*native.VARIANTS["cpu"], "auto"), s.pick([], [], [1], [5, 7], [2**40, 1], [0], [-1, 3])
+    outputs = (torch.zeros(shape, dtype=I64) for shape in shapes)
+    return (*s.mesh(), height, width, cull, scissor, variant, rung(s), values, *outputs), []
+
+
+def rasterize_new(s: Source) -> Call:
+    batch = s.pick((), (s.size(3),))
+    height, width, cull, scissor = s.view()
+    with_depth = s.chance(0.5)
+    image = (*batch, height, width)
+    outputs = [(image, I64), *([(image, F32)] if with_depth else []), (batch, I64)]
+    return (*s.mesh(*batch), height, width, cull, s.pick(None, scissor), rung(s), with_depth), outputs
+
+
 def setup(s: Source) -> Call:
     n = None
     shapes = [((n,), I32), ((n, 3, 2), I32), ((n, 3), F32), ((n,), I64), ((n, 4), I32), ((n, 3), F64), ((n, 3), I32)]
@@ -289,6 +308,7 @@ def test_returns_or_raises(make: Callable[[Source], Call]):
         else:
             returned += 1
             result = () if result is None else result if isinstance(result, tuple) else (result,)
+            result = [tensor for tensor in result if tensor is not None]
             if valid:
                 assert len(result) == len(outputs), seed
                 for tensor, (shape, dtype) in zip(result, outputs, strict=True):

@@ -82,6 +82,43 @@ def test_many_small_views(triangles, threads):
     assert np.flatnonzero(batch.dropped).tolist() == [1, views - 1]
 
 
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+@pytest.mark.parametrize("variant", native.VARIANTS.get("cpu", ()))
+def test_few_of_many_vertices(variant):
+    """Fewer corners than vertices: set-up projects them by itself. Some triangles are clipped, one is dropped."""
+    mesh = soup(random_corners(np.random.default_rng(11), 40, 1.3), (70, 130))
+    place = np.sort(np.random.default_rng(12).permutation(5000)[: len(mesh.positions)]).astype(np.int32)
+    positions = np.full((2, 5000, 4), np.nan, np.float32)
+    positions[:, place] = mesh.positions
+    positions[1, place[7], 2] = np.nan
+    seen, expected = (
+        bigtri.rasterize(positions, place[mesh.triangles], (70, 130), backend=backend, variant=variant)
+        for backend in ("native", "reference")
+    )
+    assert seen.dropped.tolist() == [0, 1]
+    assert all(np.array_equal(a, b) for a, b in zip(seen, expected, strict=True))
+
+
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+@pytest.mark.parametrize("variant", native.VARIANTS.get("cpu", ()))
+def test_views_of_many_vertices(variant):
+    """Of more than 2^20 vertices together: they are drawn group by group. Most triangles have no area."""
+    count = 150_000
+    positions = np.zeros((3, 3 * count, 4), np.float32)
+    positions[..., 3] = 1
+    for k in range(3):
+        positions[k, -120:] = soup(random_corners(np.random.default_rng(k), 40, 0.4), (70, 130)).positions
+    positions[2, -1, 0] = np.nan
+    triangles = torch.arange(3 * count, dtype=torch.int32).view(-1, 3)
+    batch = bigtri.rasterize(torch.from_numpy(positions), triangles, (70, 130), variant=variant)
+    assert batch.dropped.tolist() == [0, 0, 1]
+    for k in range(3):
+        corners = positions[k, -120:]
+        single = bigtri.rasterize(torch.from_numpy(corners), triangles[:40], (70, 130), variant=variant)
+        assert torch.equal(batch.depth[k], single.depth) and (single.triangle >= 0).any()
+        assert torch.equal(batch.triangle[k], torch.where(single.triangle < 0, -1, single.triangle + count - 40))
+
+
 RANGES = [(0, 40), (7, 1), (12, 0), (40, 0), (5, 30), (39, 1), (0, 12)]  # overlapping, empty, at the end
 
 

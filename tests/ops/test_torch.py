@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import itertools
 import multiprocessing
 import warnings
 from pathlib import Path
@@ -16,6 +17,7 @@ from torch._subclasses import FakeTensorMode
 
 import bigtri
 from bigtri import native, warn
+from bigtri.choices import CULLS
 from bigtri.fakes import OPERATORS
 from bigtri.reference.shading import encode_thresholds
 
@@ -25,6 +27,13 @@ pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is
 def tensors(name: str = "screen_size") -> tuple[torch.Tensor, torch.Tensor, tuple[int, int]]:
     case = CASES[name](np.random.default_rng(3))
     return torch.from_numpy(case.positions), torch.from_numpy(case.triangles), case.resolution
+
+
+def map_shapes(height: int, width: int) -> list[tuple[int, ...]]:
+    """Of what map_work adds to: counters, fragments, edges and tasks."""
+    rows, columns = -(-height // 64), -(-width // 64)
+    squares = [-(-64 * rows // (8 << k)) * -(-64 * columns // (8 << k)) for k in range(12)]
+    return [(len(native.COUNTERS),), (64 * rows, 64 * columns), (sum(squares[: squares.index(1) + 1]),), (100,)]
 
 
 def arguments(op: str) -> tuple:
@@ -53,6 +62,12 @@ def arguments(op: str) -> tuple:
             *(torch.empty_like(packed), torch.empty(packed.shape), torch.empty(1, dtype=torch.int64)),
             torch.zeros(len(native.COUNTERS), dtype=torch.int64),
         ),
+        "map_work": (
+            *(positions, triangles, height, width, "none", [0, 0, width, height], "persistent", "exact", []),
+            *(torch.empty_like(packed[0]), torch.empty((), dtype=torch.int64)),
+            *(torch.zeros(shape, dtype=torch.int64) for shape in map_shapes(height, width)),
+        ),
+        "rasterize_new": (positions[None], triangles, height, width, "none", None, "exact", True),
         "setup": (positions, triangles, height, width, "none", [0, 0, width, height], "exact"),
         "binning": (xy, bbox, 4000, "exact"),
         "tile_mask": (xy, bbox, queue, "exact"),
@@ -113,6 +128,44 @@ def test_the_operator_takes_one_view_or_several():
             call("rasterize", (*one[:k], batch[k], *one[k + 1 :]))
     with pytest.raises(RuntimeError, match=r"positions must be .*, float32 \[V, 4\] or \[B, V, 4\], got Float \[4\]"):
         call("rasterize", (one[0][0], *one[1:]))
+
+
+def test_the_operator_with_new_memory_draws_the_same():
+    positions, triangles, _ = tensors()
+    for views, scissor, cull in itertools.product(
+        (positions, torch.stack([positions, -positions])), (None, [3, 2, 30, 20]), CULLS
+    ):
+        height, width = 33, 47
+        shape = (*views.shape[:-2], height, width)
+        outputs = torch.empty(shape, dtype=torch.int64), torch.empty(shape), torch.empty(shape[:-2], dtype=torch.int64)
+        box = scissor or [0, 0, width, height]
+        call("rasterize", (views, triangles, height, width, cull, box, "bin_owned", "exact", 1, [], None, None, *outputs, None))
+        packed, depth, dropped = call("rasterize_new", (views, triangles, height, width, cull, scissor, "exact", True))
+        assert all(torch.equal(a, b) for a, b in zip(outputs, (packed, depth, dropped), strict=True))
+        packed, depth, dropped = call("rasterize_new", (views, triangles, height, width, cull, scissor, "exact", False))
+        assert torch.equal(packed, outputs[0]) and depth is None and torch.equal(dropped, outputs[2])
+    assert packed.unique().numel() > 2
+
+
+@pytest.mark.parametrize(
+    "place, value, wanted",
+    [
+        (0, torch.zeros(4), r"positions must be float32 \[V, 4\] or \[B, V, 4\], got Float \[4\]"),
+        (0, torch.zeros(3, 3), r"positions must be .*, float32 \[V, 4\], got Float \[3, 3\]"),
+        (1, torch.zeros(1, 3), r"triangles must be .*, int32 \[T, 3\], got Float"),
+        (2, 0, "height and width must be 1 to 16384, got 0 and 47"),
+        (3, 1 << 40, "height and width must be 1 to 16384, got 33 and 1099511627776"),
+        (4, "both", "cull must be 'none', 'back' or 'front', got 'both'"),
+        (5, [0, 0, 1], "scissor must be 4 integers x0, y0, x1, y1, got 3"),
+        (6, "good", "precision must be one of exact, .*, got 'good'"),
+    ],
+)
+def test_the_operator_with_new_memory_checks_its_arguments(place, value, wanted):
+    positions, triangles, _ = tensors()
+    given = [positions, triangles, 33, 47, "none", None, "exact", True]
+    given[place] = value
+    with pytest.raises(RuntimeError, match=f"bigtri::rasterize: {wanted}"):
+        call("rasterize_new", tuple(given))
 
 
 def test_the_attribute_operators_take_one_view_or_several():

@@ -62,9 +62,9 @@ def written(path: Path, *scenes: Measured, name: str | None = None, build: str |
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """The variant and the values of its parameters of every call of the operator."""
+    """The variant and the values of its parameters of every call of the operators."""
     seen = []
-    real = torch.ops.bigtri.rasterize.default
+    real, real_new = torch.ops.bigtri.rasterize.default, torch.ops.bigtri.rasterize_new.default
 
     class Operator:
         @staticmethod
@@ -72,8 +72,15 @@ def drawn(monkeypatch):
             seen.append((given[6], given[9]))
             return real(*given)
 
+    class NewOperator:
+        @staticmethod
+        def default(*given):
+            seen.append((STANDARD, []))
+            return real_new(*given)
+
     class Operators:
         rasterize = Operator
+        rasterize_new = NewOperator
 
     class Torch:
         class ops:  # noqa: N801

@@ -555,6 +555,26 @@ def test_what_is_marked(auto: float, rival: float, marked: bool) -> None:
     assert best.verdict(job, {"auto": [[auto]], "memset": [[1.0]]}) is None
 
 
+def test_the_best_on_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """From the rows of a file: the verdicts of the run that wrote them; without the ratios those of the medians."""
+    found = contest({"auto": 20, "bin_owned": 15, "scanline": 40})
+    benchmark.write_csv(tmp_path / "best.csv", found.rows)
+    as_text = benchmark.read_csv(tmp_path / "best.csv")
+    assert best.from_rows(as_text) == [found.verdicts[0]._replace(**{n: 1.3333 for n in ("ratio", "low", "high")})]
+    drifted = [row | {"us_median": str(2 * float(row["us_median"]))} if row["variant"] == "auto" else row for row in as_text]
+    assert best.from_rows(drifted)[0].ratio == 1.3333
+    assert best.from_rows([row | {"ratio": ""} for row in drifted])[0].ratio == pytest.approx(8 / 3)
+    page = tmp_path / "page.md"
+    page.write_text("<!-- best cuda: begin -->\n<!-- best cuda: end -->\n")
+    assert best.main(["--device", "cuda", "--rows", str(tmp_path / "best.csv"), "--docs", str(page)]) == 0
+    text = page.read_text()
+    assert "in 0 of 1 cases. The others, us: S1 320x240: 20.0 against 15.0 (bin_owned, 1.33)." in text.replace("\n", " ")
+    assert "| S1 | 20.0 (1.33) |" in text and "NOT THE BEST" in capsys.readouterr().out
+    assert best.from_rows([row for row in as_text if row["variant"] != "auto"]) == []
+    with pytest.raises(SystemExit, match="no rows of this script"):
+        best.from_rows([{"scene": "S1"}])
+
+
 def test_auto_is_not_its_own_rival() -> None:
     names = [way.name for way in best.all_ways("cpu", [])]
     assert names[0] == "auto" and native.VARIANTS["cpu"][0] not in names and set(native.VARIANTS["cpu"][1:]) <= {*names}

@@ -10,6 +10,7 @@
 #include "../core/registry.h"
 #include "../core/surface.h"
 #include "parallel.h"
+#include "work_map.h"
 
 namespace bigtri {
 
@@ -75,6 +76,7 @@ struct ShadeJob {
 struct CheckedFrame : Frame {
   int64_t lowest, highest;
   const ShadeJob* shade;  // the picture to be made by a variant that shades, or null; packed may then be null
+  WorkMap* map;  // out, added to by a variant that counts: where a single view's work is done; or null
 };
 
 // Smallest and largest of count indices; (INT32_MAX, INT32_MIN) if count is 0.

@@ -15,14 +15,14 @@ namespace {
 constexpr Parameter kParameters[] = {{"batch", "triangles", "triangles that a task takes at a time", 32, 1, 1 << 20},
                                      {}};
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   clear_image(frame, parallel);
   const BatchedKernels& kernels = current_kernels().batched;
   parallel(shares_of(frame, values[0]), [&](int64_t i) {
     const Share share = share_of(frame, values[0], i);
     std::vector<Record> batch;
     set_up(frame, share, [&](const Record& r) { batch.push_back(r); });
-    Counts counts;
+    Counts counts(frame.map);
     for (const Record& r : batch) kernels.draw_box(r, pixels_of(frame, share.view), frame.view.width, &counts);
     counts.add(Counter::records, (int64_t)batch.size());
     counts.add(Counter::by_rows, (int64_t)batch.size());
@@ -35,7 +35,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 
 extern const Variant batched_variant;
 const Variant batched_variant = {"batched", "32 triangles a block, threads stride over the bounding box: Splatshop's",
-                                 kParameters, draw, /*shades=*/false};
+                                 kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

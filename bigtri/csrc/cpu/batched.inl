@@ -36,7 +36,7 @@ void stride(const Record& r, int64_t* pixels, int width, Counts* counts) {
         const CellDepth& d = depth[x / kBin - first_cell];
         int64_t packed[8];
         store(packed, packed_of<kFar>(d, row_depth<kThin>(d, x % kBin, y % kBin)));
-        counts->add(Counter::fragments, __builtin_popcount(covered));
+        counts->add_fragments_of(covered, 8, x, y);
         for (uint32_t rest = covered; rest; rest &= rest - 1) {
           const int i = __builtin_ctz(rest);
           keep_nearest_atomically(pixels + (int64_t)y * width + x + i, packed[i], counts);
@@ -46,8 +46,7 @@ void stride(const Record& r, int64_t* pixels, int width, Counts* counts) {
     }
     for (int k = 0; k < 3; ++k) row[k] = row[k] + sy[k];
   }
-  const int64_t box = (int64_t)(r.x1 - r.x0) * (r.y1 - r.y0);
-  counts->add(sizeof(F) == 8 ? Counter::edges_64 : Counter::edges_32, 3 * box);
+  counts->add_edges_in(sizeof(F) == 8 ? Counter::edges_64 : Counter::edges_32, r.x0, r.y0, r.x1, r.y1);
   counts->add(Counter::wide, sizeof(F) == 8);
 }
 

@@ -14,8 +14,7 @@
 #include <vector>
 
 #include "counting.h"
-#include "kernels.h"
-#include "workspace.h"
+#include "groups.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -47,8 +46,6 @@ enum { kRecords, kCandidates };
 constexpr int64_t kRecordsToJoin = 1 << 14;
 // Views are drawn by one thread each if there are this many per thread.
 constexpr int64_t kViewsPerThread = 8;
-// Vertices of a group, 16 bytes each. A group has one view at least, however many vertices that has.
-constexpr int64_t kGroupVertices = 1 << 20;
 // Pixels of all views. A visibility buffer of more, 4 MiB, is streamed. At 640x480 px ordinary stores take 0.06 ms less;
 // at 1920x1080 px they save 0.2 ms while the last-level cache is free, and cost 0.5 ms where neighbours use it.
 constexpr int64_t kPackedInCache = 1 << 19;
@@ -81,7 +78,7 @@ int64_t slots_needed(const SetupJob& job, int64_t begin, int64_t end) {
   int64_t n = 0;
   for (int64_t t = begin; t < end; ++t) {
     uint32_t flags = 0;
-    for (int k = 0; k < 3; ++k) flags |= job.vertices[job.triangles[3 * t + k] - job.first_vertex].flags;
+    for (int k = 0; k < 3; ++k) flags |= vertex_of(job, job.frame.triangles[3 * t + k]).flags;
     n += flags & kOutsideMask ? kMaxSubTriangles : 1;
   }
   return n;
@@ -118,6 +115,7 @@ class Drawing {
     job_.packed = frame.packed;
     job_.depth = frame.depth;
     job_.counters = frame.counters;
+    job_.map = frame.map;
     job_.streams_packed = stores.streams_packed;
     job_.streams_depth = stores.streams_depth;
     job_.rows_in_cache = stores.rows_in_cache;
@@ -127,11 +125,8 @@ class Drawing {
 
   void draw() {
     std::fill(frame_.dropped, frame_.dropped + frame_.views, 0);
-    const int64_t used = frame_.count ? frame_.highest - frame_.lowest + 1 : 0;
-    int64_t together = std::max(frame_.views, 1);
-    if (used && frame_.view_stride) together = std::clamp<int64_t>(kGroupVertices / used, 1, together);
-    for (int64_t view = 0; used && view < frame_.views; view += together)
-      draw_group(view, std::min<int64_t>(together, frame_.views - view), used);
+    each_group(frame_, parallel_, &(*workspace_).vertices,
+               [&](int64_t first, const ProjectedFrame& group) { draw_group(first, group); });
     finish_open_view();
     job_.finished_views = frame_.views;
     raster(frame_.views, nullptr, nullptr);  // background of the views that no pass has begun
@@ -139,49 +134,28 @@ class Drawing {
   }
 
  private:
-  // Draws the group of views [first, first + views). used: vertices from the lowest index in use to the highest.
-  void draw_group(int64_t first, int64_t views, int64_t used) {
-    const int64_t stride = frame_.view_stride ? used : 0;  // views that share their positions share the vertices too
-    const int64_t meshes = stride ? views : 1;
-    Vertex* const vertices = (*workspace_).vertices.room<Vertex>(meshes * used);
-    // A view's vertices are projected in pieces, some 4 per thread in all.
-    const int64_t pieces = std::clamp<int64_t>(4 * parallel_.threads / meshes, 1, used / 4096 + 1);
-    std::atomic<uint32_t> flags{0};  // of all vertices
-    parallel_(meshes * pieces, [&](int64_t i) {
-      const int64_t view = i / pieces, piece = i % pieces, begin = used * piece / pieces,
-                    end = used * (piece + 1) / pieces;
-      flags.fetch_or(kernels_.project(positions(first + view), frame_.lowest + begin, frame_.lowest + end,
-                                      frame_.view.width, frame_.view.height, vertices + view * stride + begin),
-                     std::memory_order_relaxed);
-    });
-    const auto job_of = [&](int64_t view) {
-      return SetupJob{positions(first + view), frame_.triangles, vertices + view * stride, frame_.lowest, frame_.view};
-    };
-
+  // Draws a group of views, of which view `first` is the first.
+  void draw_group(int64_t first, const ProjectedFrame& group) {
+    const auto job_of = [&](int64_t view) { return setup_job(group, view, /*skips_empty=*/true); };
     // Some 8 chunks per thread, of 64 to kMaxChunk triangles, at most as many as a batch has slots. A view without
     // triangles has none.
-    int64_t triangles = 0;
-    for (int64_t view = 0; view < views; ++view) {
-      const Range range = range_of(frame_, first + view);
-      triangles += range.end - range.first;
-    }
+    const int64_t triangles = triangles_of_all(group);
     const int64_t size =
         std::min(most_records_,
                  std::clamp<int64_t>(std::min(triangles, most_records_) / (8 * parallel_.threads), 64, kMaxChunk));
     std::vector<Chunk> chunks;
-    for (int64_t view = 0; view < views; ++view) {
-      const Range range = range_of(frame_, first + view);
+    for (int64_t view = 0; view < group.views; ++view) {
+      const Range range = range_of(group, view);
       for (int64_t begin = range.first; begin < range.end; begin += size)
         chunks.push_back({view, begin, std::min(range.end, begin + size), 0, 0, 0, 0});
     }
-    const bool any_clipped = flags.load() & kOutsideMask;
     for (Chunk& k : chunks) k.slots = k.end - k.begin;
-    if (any_clipped)
+    if (group.any_clipped)
       parallel_((int64_t)chunks.size(), [&](int64_t c) {
         chunks[c].slots = slots_needed(job_of(chunks[c].view), chunks[c].begin, chunks[c].end);
       });
 
-    std::vector<int64_t> view_slots(views, 0);
+    std::vector<int64_t> view_slots(group.views, 0);
     for (const Chunk& k : chunks) view_slots[k.view] += k.slots;
 
     // One batch: the chunks [begin, end). Another view joins it only as a whole, so that no bin is drawn with a part of its
@@ -203,7 +177,8 @@ class Drawing {
       uint32_t* const candidates = (*workspace_).candidates.room<uint32_t>(slots);
       parallel_((int64_t)(end - begin), [&](int64_t i) {
         Chunk& k = chunks[begin + i];
-        k.used = kernels_.setup(job_of(k.view), k.begin, k.end, records + k.slot, candidates + k.slot, &k.dropped);
+        k.used = current_kernels().setup.setup(job_of(k.view), k.begin, k.end, records + k.slot, candidates + k.slot,
+                                               &k.dropped);
         std::fill(candidates + k.slot + k.used, candidates + k.slot + k.slots, 0u);
       });
       // First slot of each view of the batch; the last element ends the last view.
@@ -221,8 +196,6 @@ class Drawing {
       begin = end;
     }
   }
-
-  const float* positions(int64_t view) const { return frame_.positions + view * frame_.view_stride; }
 
   // Draws a batch, in as many passes as most_candidates_ asks for. The records of view first_view + v are in the slots
   // [view_begin[v], view_begin[v + 1]). A slot without candidates has no record.
@@ -273,7 +246,7 @@ class Drawing {
     std::fill(counts, counts + runs * bins, 0u);
     std::vector<int64_t> used(runs);
     parallel_(runs, [&](int64_t c) {
-      Counts work;
+      Counts work(frame_.map);
       used[c] = kernels_.bin(job, bounds[c], bounds[c + 1], pairs + pair_begin[c], counts + c * bins, &work);
       work.publish(frame_.counters);
     });
@@ -395,7 +368,7 @@ struct Share {
 // thread, since the last one's work is what the others wait for, and small ones: the records of a view fit a batch, those
 // of all threads together are no more than a batch or kRecordsToJoin each, and all vertices no more than a group.
 Share share_of(const CheckedFrame& frame, int threads, int64_t most_records) {
-  const int64_t used = frame.count ? frame.highest - frame.lowest + 1 : 0;
+  const int64_t used = used_vertices(frame);
   const int64_t most = std::max(most_records / threads, std::min(most_records, kRecordsToJoin));
   if (threads == 1 || frame.views < kViewsPerThread * threads || !frame.view_stride || !used) return {0, 0};
   if (frame.count > most || used > kGroupVertices / threads) return {0, 0};

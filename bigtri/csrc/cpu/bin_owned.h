@@ -1,6 +1,6 @@
 // The kernels of the bin_owned variant and the data that they share with bin_owned.cpp, which calls them in this order:
-// project, setup, bin, raster_bins. The kernels are compiled once per instruction set (setup.inl, binning.inl,
-// bin_owned.inl); this file once per rung.
+// bin, raster_bins. The kernels are compiled once per instruction set (binning.inl, bin_owned.inl); this file once per
+// rung.
 #pragma once
 
 #include "../core/record.h"
@@ -10,25 +10,12 @@
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-// A record whose bbox has more px is large here. kLargeThreshold would give the same bits; measured from 96 to 4000, this
-// is where rows of a bbox, half of them empty, cost what a large record's tile masks do (docs/performance.md).
-constexpr int64_t kDirectPixels = 384;
-
 // An entry of a bin list is slot << 2 | small << 1 | full. small: the record takes the direct path, without tiles.
 // full: every pixel centre of the bin lies inside all edges. It is set only for large records.
 constexpr uint32_t kEntryFull = 1, kEntrySmall = 2;
 constexpr int kEntryShift = 2;
 struct BinPair {
   uint32_t bin, entry;  // bin is numbered from the first bin of the pass's first view
-};
-
-// The triangles of one view, for setup.
-struct SetupJob {
-  const float* positions;  // [V, 4], clip space
-  const int32_t* triangles;  // [T, 3], vertex indices
-  const Vertex* vertices;  // projected; element 0 is vertex first_vertex
-  int64_t first_vertex;  // lowest index in use
-  Viewport view;
 };
 
 // The records of several views, for binning. Those of view v, counted from the pass's first, are in the slots
@@ -66,18 +53,13 @@ struct RasterJob {
   // Whether packed, and depth, are stored around the caches, which is faster only if the image does not fit them.
   bool streams_packed, streams_depth;
   int64_t rows_in_cache;  // px: whole rows of background below it are not, in either
+  WorkMap* map;  // out, added to by what counts: where a single view's work is done; or null
 };
 
 // Bytes of a worker's scratch memory: at least sizeof(Scratch) (bin_owned.inl), and few enough for a core's cache.
 constexpr int64_t kScratchBytes = 128 * 1024;
 
 struct BinOwnedKernels {
-  // Projects and snaps vertices [begin, end) to out[0], out[1], ... Returns the OR of their flags.
-  uint32_t (*project)(const float* positions, int64_t begin, int64_t end, int width, int height, Vertex* out);
-  // Turns triangles [begin, end) into records and returns their number. candidates[i]: the number of bins that
-  // record i's bbox touches.
-  int64_t (*setup)(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates,
-                   int64_t* dropped);
   // Writes a pair for each bin that a record in slots [begin, end) enters, and adds 1 to counts[bin]. Returns the
   // number of pairs, which is at most the sum of candidates.
   int64_t (*bin)(const BinJob& job, int64_t begin, int64_t end, BinPair* pairs, uint32_t* counts, Counts* work);

@@ -54,7 +54,7 @@ BIGTRI_INLINE void offer(Scratch* s, int at, const i64x8& packed, Bits... bits) 
   if constexpr (kCounts) {
     for (int i = 0; i < 8; ++i) {
       const bool offered = ((bits >> i & 1) & ... & 1);
-      s->counts.add(Counter::fragments, offered);
+      s->counts.add_fragments(offered, (at + i) % kBin, (at + i) / kBin);
       s->counts.add(Counter::passed, offered && packed[i] < s->pixels[at + i]);
     }
   }
@@ -83,7 +83,7 @@ BIGTRI_INLINE void draw_tiles(const Large& l, uint64_t visible, Scratch* s) {
   for (; visible; visible &= visible - 1) {
     const int t = __builtin_ctzll(visible);
     const uint64_t covered = tile_coverage(edge, offset, t % 8, t / 8);
-    s->counts.add(Counter::edges_32, 3 * kTile * kTile);
+    s->counts.add_edges(Counter::edges_32, 3 * kTile * kTile, t % 8 * kTile, t / 8 * kTile);
     s->counts.add(Counter::tiles_empty, !covered);
     count = append_rows(covered, t / 8 * kTile * kBin + t % 8 * kTile, rows, count);
   }
@@ -171,14 +171,14 @@ BIGTRI_INLINE void draw_small(const Record& r, const CellDepth& d, const int64_t
     sy[k] = e.dx;
     row[k] = (int32_t)(steps_of(cell[k], e) + (int64_t)sx[k] * x0 + (int64_t)sy[k] * y0) + lane * sx[k];
   }
-  s->counts.add(Counter::edges_64, 3);
+  s->counts.add_edges(Counter::edges_64, 3, x0, y0);
   // A column of eight pixels' width. No branch on the coverage: it would be mispredicted more often than it saves work.
   const auto draw_column = [&](int x) __attribute__((always_inline)) {
     i32x8 f[3] = {row[0], row[1], row[2]};
     const i32x8 past = (x1 - x - 1) - lane;  // negative past the bbox
     for (int y = y0; y < y1; ++y) {
       const uint32_t bits = sign_mask(f[0] | f[1] | f[2] | past) ^ 0xff;
-      s->counts.add(Counter::edges_32, 3 * 8);
+      s->counts.add_edges(Counter::edges_32, 3 * 8, x, y);
       offer(s, y * kBin + x, packed_of<kFar>(d, row_depth<kThin>(d, x, y)), bits);
       for (int k = 0; k < 3; ++k) f[k] = f[k] + sy[k];
     }
@@ -259,8 +259,8 @@ void draw_list(const RasterJob& job, const uint32_t* list, const uint32_t* end, 
     l.touched = m.touched & box;
     l.full = m.full & l.touched;
     if (kCounts && !full) {
-      s->counts.add(Counter::edges_64, 6);
-      s->counts.add(Counter::edges_32, 6 * kTile * kTile);
+      s->counts.add_edges(Counter::edges_64, 6, 0, 0, kBin);
+      s->counts.add_edges(Counter::edges_32, 6 * kTile * kTile, 0, 0, kBin);
       s->counts.add(Counter::tiles_tested, __builtin_popcountll(box));
       s->counts.add(Counter::tiles_rejected, __builtin_popcountll(box & ~l.touched));
       s->counts.add(Counter::tiles_accepted, __builtin_popcountll(l.full));
@@ -308,7 +308,7 @@ void raster_bins(const RasterJob& job, int64_t bin, int bins, void* memory, void
   }
   for (int i = 0; i < kBin * kBin; i += 8) store(s->pixels + i, splat<i64x8>(kBackground));
   if (begun) load_bin(job, patch, s->pixels);
-  s->counts = {};
+  s->counts = Counts(job.map, bin_x * kBin, bin_y * kBin);
   draw_list(job, list, end, bin_x, bin_y, s);
   apply_scissor(job.view, patch, s->pixels);
   store_bin(job, patch, s->pixels);

@@ -31,7 +31,6 @@ int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pair
     work->add(Counter::by_tiles, 1);
     work->add(Counter::bins_tested, job.candidates[i]);
     work->add(Counter::bins_rejected, job.candidates[i]);  // less those that are kept
-    work->add(Counter::edges_64, 3 * (int64_t)job.candidates[i]);
     // Each edge's highest and lowest value over a bin is linear in the bin's column, so both are stepped along the row.
     BinEdge corner[3];
     for (int k = 0; k < 3; ++k) corner[k] = bin_edge(edge_of(r.x, r.y, k), c0, r0);
@@ -44,6 +43,7 @@ int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pair
         step[k] = (int64_t)kBin * corner[k].sx;
       }
       for (int x = c0; x <= c1; ++x) {
+        work->add_edges(Counter::edges_64, 3, x * kBin, y * kBin, kBin);
         // An OR is negative if one of its operands is: no edge rejects the bin.
         if ((high[0] | high[1] | high[2]) >= 0) {
           const uint32_t bin = first + (uint32_t)(y * bins_x + x),
@@ -52,7 +52,7 @@ int64_t bin_records(const BinJob& job, int64_t begin, int64_t end, BinPair* pair
           ++counts[bin];
           work->add(Counter::bins_rejected, -1);
           work->add(Counter::bins_accepted, full != 0);
-          work->add(Counter::edges_64, 3);
+          work->add_edges(Counter::edges_64, 3, x * kBin, y * kBin, kBin);
         }
         for (int k = 0; k < 3; ++k) {
           high[k] += step[k];

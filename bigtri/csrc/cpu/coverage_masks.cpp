@@ -42,7 +42,7 @@ std::vector<int64_t> longest_first(const BinQueues& bins) {
   return order;
 }
 
-void draw_bin(const CheckedFrame& frame, const BinQueues& bins, int64_t bin, BinTiles* tiles, Counts* counts) {
+void draw_bin(const ProjectedFrame& frame, const BinQueues& bins, int64_t bin, BinTiles* tiles, Counts* counts) {
   const CoverageMasksKernels& kernels = current_kernels().coverage_masks;
   const BinQueues::Spot spot = bins.spot(bin);
   uint64_t some = 0;
@@ -71,7 +71,7 @@ void draw_bin(const CheckedFrame& frame, const BinQueues& bins, int64_t bin, Bin
   }
 }
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   clear_image(frame, parallel);
   std::vector<BinTiles> memory((size_t)parallel.threads);
   each_round(frame, values[kShare], [&](Round& round) {
@@ -79,7 +79,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
     round.set_up(frame, parallel, [&](int64_t, const Record* r, Counts* counts) { bins.push(r, counts); });
     const std::vector<int64_t> order = longest_first(bins);
     parallel.with_slots((int64_t)order.size(), [&](int64_t i, int64_t slot) {
-      Counts counts;
+      Counts counts(frame.map);
       draw_bin(frame, bins, order[(size_t)i], &memory[(size_t)slot], &counts);
       counts.publish_task(frame.counters);
     });
@@ -93,7 +93,7 @@ extern const Variant coverage_masks_variant;
 const Variant coverage_masks_variant = {
     "coverage_masks",
     "coarse to fine, longest bins first, masks of 8x8 px, fragments spread over lanes: CudaRaster's idea", kParameters,
-    draw, /*shades=*/false};
+    draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

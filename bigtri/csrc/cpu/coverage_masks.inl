@@ -70,9 +70,9 @@ BIGTRI_INLINE void draw_lanes(Warp* w, int x, int y, int64_t* pixels, Counts* co
   for (int lane = 0; lane < w->count; ++lane) {
     int64_t* pixel = pixels + w->pixel[lane];
     counts->add(Counter::passed, packed[lane] < *pixel);
+    counts->add_fragments(1, x + w->pixel[lane] % kTile, y + w->pixel[lane] / kTile);
     *pixel = min_of(*pixel, packed[lane]);
   }
-  counts->add(Counter::fragments, w->count);
   w->count = 0;
 }
 

@@ -37,7 +37,7 @@ BIGTRI_INLINE uint64_t pixels_in_tile(const Record& r, int x, int y, Counts* cou
     edge[k] = edge_in_tile(edge_of(r.x, r.y, k), x, y);
     offset[k] = lanes(0, edge[k].sx, edge[k].sy);
   }
-  counts->add(Counter::edges_32, 3 * kTile * kTile);
+  counts->add_edges(Counter::edges_32, 3 * kTile * kTile, x, y);
   return tile_coverage(edge, offset, 0, 0);
 }
 
@@ -49,8 +49,8 @@ BIGTRI_INLINE TileMasks tiles_in_bin(const Record& r, int bin_x, int bin_y, Coun
   TileMasks m = tile_masks(edge);
   m.touched &= boxed;
   m.full &= m.touched;
-  counts->add(Counter::edges_64, 3);
-  counts->add(Counter::edges_32, 6 * kTile * kTile);
+  counts->add_edges(Counter::edges_64, 3, bin_x * kBin, bin_y * kBin, kBin);
+  counts->add_edges(Counter::edges_32, 6 * kTile * kTile, bin_x * kBin, bin_y * kBin, kBin);
   counts->add(Counter::tiles_tested, __builtin_popcountll(boxed));
   counts->add(Counter::tiles_rejected, __builtin_popcountll(boxed & ~m.touched));
   counts->add(Counter::tiles_accepted, __builtin_popcountll(m.full));
@@ -69,7 +69,6 @@ BIGTRI_INLINE void merge_rows(const CellDepth& d, uint64_t covered, int i, int j
         counts->add(Counter::passed, (bits >> x & 1) && packed[x] < pixels[row * pitch + x]);
     keep_nearest(pixels + row * pitch, packed, bits);
   }
-  counts->add(Counter::fragments, __builtin_popcountll(covered));
 }
 
 // Keeps the nearest at the covered pixels of the tile whose first pixel is (i, j) of the cell. pixels: its first pixel;

@@ -50,7 +50,7 @@ struct Shape {
   std::vector<Level> levels;
   int64_t meets, tiles, slots;
 
-  Shape(const CheckedFrame& frame, const int64_t* values) : meets(values[kMeets] ? values[kMeets] : 16) {
+  Shape(const ProjectedFrame& frame, const int64_t* values) : meets(values[kMeets] ? values[kMeets] : 16) {
     const int width = frame.view.width, height = frame.view.height;
     const int finest = values[kTileSize] ? (int)values[kTileSize] : kBin;
     int count = (int)values[kLevels];
@@ -116,7 +116,7 @@ class Pyramid {
         counts->add(Counter::bins_tested, 1);
         counts->add(Counter::bins_rejected, high < 0);
         counts->add(Counter::bins_accepted, low >= 0);
-        counts->add(Counter::edges_64, high < 0 ? 3 : 6);
+        counts->add_edges(Counter::edges_64, high < 0 ? 3 : 6, x * level->size, y * level->size, level->size);
         if (high < 0) continue;
         const int64_t view = r->view - first_view_, in_level = (int64_t)y * level->columns + x;
         const int64_t tile = view * shape_.tiles + level->first_tile + in_level;
@@ -178,7 +178,7 @@ class Pyramid {
 
 class Drawing {
  public:
-  Drawing(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values)
+  Drawing(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values)
       : frame_(frame),
         parallel_(parallel),
         shape_(frame, values),
@@ -210,7 +210,7 @@ class Drawing {
     std::vector<std::vector<Overflow>> full((size_t)count);
     Pyramid pyramid(shape_, first_view, views);
     parallel_(count, [&](int64_t i) {
-      Counts counts;
+      Counts counts(frame_.map);
       std::vector<Record>& own = records[(size_t)i];
       set_up(frame_, share_of(frame_, share_, first_view * shares_ + first_share + i),
              [&](const Record& r) { own.push_back(r); });
@@ -223,7 +223,7 @@ class Drawing {
     pyramid.sort_overflows(full);
     const int64_t bins_x = bin_columns(frame_.view), bins = bins_x * bin_rows(frame_.view);
     parallel_(views * bins, [&](int64_t i) {
-      Counts counts;
+      Counts counts(frame_.map);
       draw_bin(pyramid, first_view + i / bins, (int)(i % bins % bins_x), (int)(i % bins / bins_x), first_share > 0,
                &counts);
       counts.publish_task(frame_.counters);
@@ -257,7 +257,7 @@ class Drawing {
       }
   }
 
-  const CheckedFrame& frame_;
+  const ProjectedFrame& frame_;
   const Parallel& parallel_;
   const Shape shape_;
   const int64_t share_, shares_;  // triangles of a share; shares of a view
@@ -265,8 +265,8 @@ class Drawing {
   const HierarchicalTilesKernels& kernels_;
 };
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
-  if (frame.views) Drawing(frame, parallel, values).draw();
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
+  Drawing(frame, parallel, values).draw();
 }
 
 }  // namespace
@@ -274,7 +274,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 extern const Variant hierarchical_tiles_variant;
 const Variant hierarchical_tiles_variant = {
     "hierarchical_tiles", "a pyramid of tiles, a triangle at the level where it meets few, owned pixels: Merchante",
-    kParameters, draw, /*shades=*/false};
+    kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

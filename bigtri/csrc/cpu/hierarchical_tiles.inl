@@ -35,6 +35,7 @@ BIGTRI_INLINE int64_t draw_rows(const CellDepth& d, const FinestTile& t, const B
       const i64x8 packed = packed_of<kFar>(d, row_depth<kThin>(d, t.x % kBin + x, t.y % kBin + y));
       int64_t* at = t.pixels + y * pitch + x;
       covered += __builtin_popcount(bits);
+      counts->add_fragments_of(bits, 8, t.x + x, t.y + y);
       if constexpr (kCounts)
         for (int i = 0; i < 8; ++i) counts->add(Counter::passed, (bits >> i & 1) && packed[i] < at[i]);
       keep_nearest(at, packed, bits);
@@ -75,7 +76,7 @@ BIGTRI_INLINE void draw_element(const TileElement& element, const FinestTile& t,
     const bool kept = (high[0] | high[1] | high[2]) >= 0;
     counts->add(Counter::tiles_tested, 1);
     counts->add(Counter::tiles_rejected, !kept);
-    counts->add(Counter::edges_64, kept ? 6 : 3);
+    counts->add_edges(Counter::edges_64, kept ? 6 : 3, t.x, t.y, t.size);
     if (!kept) return;
     full = (low[0] | low[1] | low[2]) >= 0;
     counts->add(Counter::tiles_accepted, full);
@@ -90,9 +91,9 @@ BIGTRI_INLINE void draw_element(const TileElement& element, const FinestTile& t,
     return;
   }
   if (full && !d.far) *far = min_of(*far, farthest_depth(d, i, j, t.size));
-  if (!full) counts->add(Counter::edges_32, 3 * 8 * (int64_t)((box.x1 - (box.x0 & ~7) + 7) / 8 * (box.y1 - box.y0)));
+  for (int y = box.y0; kCounts && !full && y < box.y1; ++y)
+    for (int x = box.x0 & ~7; x < box.x1; x += 8) counts->add_edges(Counter::edges_32, 3 * 8, t.x + x, t.y + y);
   const int64_t covered = draw_in_tile(d, t, box, edge, counts);
-  counts->add(Counter::fragments, covered);
   counts->add(Counter::tiles_empty, !covered);
 }
 

@@ -24,9 +24,15 @@ namespace {
 
 // A kernel is compiled only if a table names it. Null is what a rung does without, and what another one's code does for it.
 
+constexpr SetupKernels setup_kernels() {
+  if constexpr (Rung::kDraws)
+    return {.project = project, .setup = setup};
+  else
+    return {};
+}
 constexpr BinOwnedKernels bin_owned_kernels() {
   if constexpr (Rung::kBinOwned)
-    return {.project = project, .setup = setup, .bin = bin_records, .raster_bins = raster_bins};
+    return {.bin = bin_records, .raster_bins = raster_bins};
   else
     return {};
 }
@@ -115,6 +121,7 @@ constexpr ShadeKernels picture_kernels() {
   inline namespace BIGTRI_NAMESPACE {                     \
   extern const Kernels kernels_##NAME;                    \
   const Kernels kernels_##NAME = {                        \
+      .setup = setup_kernels(),                           \
       .bin_owned = bin_owned_kernels(),                   \
       .stages = stage_kernels(),                          \
       .attributes = attribute_kernels(),                  \

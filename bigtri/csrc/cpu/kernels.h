@@ -1,5 +1,5 @@
 // The kernels: the functions that are compiled once per instruction set. The code that calls them declares them as a
-// struct: each variant that has such, the stages, the attribute pass and the shading pass. A table of all of them is built
+// struct: set-up, each variant that has such, the stages, the attribute pass and the shading pass. A table of all of them is built
 // for each instruction set (kernel_table.inl); current_kernels() is the table in use.
 #pragma once
 
@@ -16,6 +16,7 @@
 #include "hierarchical_tiles.h"
 #include "persistent.h"
 #include "recursive_descent.h"
+#include "setup.h"
 #include "tile_owned.h"
 #include "tile_queues.h"
 #include "two_stage.h"
@@ -39,6 +40,7 @@ struct AttributeKernels {
 };
 
 struct Kernels {
+  SetupKernels setup;
   BinOwnedKernels bin_owned;
   StageKernels stages;
   AttributeKernels attributes;

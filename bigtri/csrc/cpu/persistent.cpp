@@ -35,7 +35,7 @@ struct Owned {
 // What the workers of a round have in common.
 class Pool {
  public:
-  Pool(const CheckedFrame& frame, const int64_t* values, bool begun, Round* round)
+  Pool(const ProjectedFrame& frame, const int64_t* values, bool begun, Round* round)
       : frame_(frame),
         batch_(values[kBatch]),
         round_(round),
@@ -47,7 +47,7 @@ class Pool {
   void work() {
     std::vector<int64_t> ready;
     for (int64_t i; (i = next_share_.fetch_add(1, std::memory_order_relaxed)) < round_->count;) {
-      Counts counts;
+      Counts counts(frame_.map);
       const auto push = [&](int64_t, const Record* r, Counts* c) {
         bins_.push(r, c, [&](int64_t bin, int64_t length) {
           if (length % batch_ == 0) ready.push_back(bin);
@@ -87,7 +87,7 @@ class Pool {
     const PersistentKernels& kernels = current_kernels().persistent;
     Owned& own = owned_[(size_t)bin];
     const Square square = square_of_bin(bin);
-    Counts counts;
+    Counts counts(frame_.map);
     alignas(64) int64_t patch[kBin * kBin];
     if (own.begun)
       load_square(square, patch);
@@ -110,7 +110,7 @@ class Pool {
     return square_of(frame_, spot.view, spot.x, spot.y, kBin);
   }
 
-  const CheckedFrame& frame_;
+  const ProjectedFrame& frame_;
   const int64_t batch_;
   Round* round_;
   BinQueues bins_;
@@ -118,7 +118,7 @@ class Pool {
   std::atomic<int64_t> next_share_{0}, finished_{0}, next_bin_{0};
 };
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   const bool clears = !has_whole_views(frame, values[kShare]);
   if (clears)
     clear_image(frame, parallel);
@@ -137,7 +137,7 @@ extern const Variant persistent_variant;
 const Variant persistent_variant = {
     "persistent",
     "workers that stay, a queue for each bin, owned bins: Liopas's second pipeline, after Kenzel et al. 2018",
-    kParameters, draw, /*shades=*/false};
+    kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

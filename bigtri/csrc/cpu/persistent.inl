@@ -18,6 +18,7 @@ void draw_into(const Record& r, int bin_x, int bin_y, int64_t* patch, Counts* co
     const int x = bin_x * kBin + i, y = bin_y * kBin + j;
     const uint64_t covered = boxed_pixels(r, x, y) & (m.full >> tile & 1 ? ~0ull : pixels_in_tile(r, x, y, counts));
     counts->add(Counter::tiles_empty, !covered);
+    counts->add_fragments_of(covered, kTile, x, y);
     if (covered) merge_tile(d, covered, i, j, patch + j * kBin + i, kBin, counts);
   }
 }

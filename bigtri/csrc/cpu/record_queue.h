@@ -113,7 +113,7 @@ class BinQueues {
         counts->add(Counter::candidates, 1);
         counts->add(Counter::bins_tested, 1);
         counts->add(Counter::bins_rejected, !kept);
-        counts->add(Counter::edges_64, 3);
+        counts->add_edges(Counter::edges_64, 3, x * size_, y * size_, size_);
         if (!kept) continue;
         const int64_t bin = ((r->view - first_view_) * rows_ + y) * columns_ + x;
         const int64_t i = queues_[(size_t)bin].push(r, room_);

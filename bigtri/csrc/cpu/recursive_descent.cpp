@@ -22,7 +22,7 @@ constexpr Parameter kParameters[] = {
     {}};
 enum { kShare, kEarlyZ, kSeparate };
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   clear_image(frame, parallel);
   const int64_t bins = (int64_t)bin_columns(frame.view) * bin_rows(frame.view), middles = bins * kMiddles * kMiddles;
   std::vector<uint32_t> bin_far((size_t)(frame.views * bins), float_bits(kInfinity)),
@@ -37,7 +37,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
                                   middle_far.data() + share.view * middles,
                                   values[kEarlyZ] != 0,
                                   values[kSeparate] != 0};
-    Counts counts;
+    Counts counts(frame.map);
     set_up(frame, share, [&](const Record& r) { kernels.descend(r, target, &counts); });
     counts.publish_task(frame.counters);
   });
@@ -49,7 +49,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 extern const Variant recursive_descent_variant;
 const Variant recursive_descent_variant = {"recursive_descent",
                                            "squares of 64, 16, 4 px, trivial reject and accept: Abrash 2009, Larrabee",
-                                           kParameters, draw, /*shades=*/false};
+                                           kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -49,9 +49,9 @@ class Descent {
   void draw() {
     const bool narrow = max_of(extent(r_.x), extent(r_.y)) <= kNarrowExtent;
     counts_->add(Counter::records, 1);
-    counts_->add(Counter::edges_64, 3);  // the first ones
     // Squares of 4x4 px of the image that the bounding box begins and ends in.
     const int left = r_.x0 & -kBlock4, top = r_.y0 & -kBlock4;
+    counts_->add_edges(Counter::edges_64, 3, left, top);  // the first ones
     if (narrow && max_of(r_.x1 - left, r_.y1 - top) <= kMiddle) {
       const bool tiny = max_of(r_.x1 - left, r_.y1 - top) <= kBlock4;
       counts_->add(tiny ? Counter::within_4 : Counter::within_16, 1);
@@ -130,7 +130,7 @@ class Descent {
         counts_->add(Counter::candidates, 1);
         counts_->add(Counter::bins_tested, 1);
         counts_->add(Counter::bins_rejected, !kept);
-        counts_->add(kEdges, kept ? 6 : 3);
+        counts_->add_edges(kEdges, kept ? 6 : 3, x * kBin, y * kBin, kBin);
         if (!kept) continue;
         const bool full = ((f[0] + fall[0]) | (f[1] + fall[1]) | (f[2] + fall[2])) >= 0;
         counts_->add(Counter::bins_accepted, full);
@@ -167,7 +167,8 @@ class Descent {
     }
     uint32_t kept = sign_mask(high[0] | high[1] | high[2]) ^ kAllParts;
     const uint32_t full = sign_mask(low[0] | low[1] | low[2]) ^ kAllParts;
-    counts_->add(Counter::edges_32, 6 * 16);
+    for (int part = 0; kCounts && part < 16; ++part)
+      counts_->add_edges(Counter::edges_32, 6, x + part % 4 * size, y + part / 4 * size, size);
     counts_->add(Counter::tiles_tested, 16);
     counts_->add(Counter::tiles_rejected, 16 - __builtin_popcount(kept));
     counts_->add(Counter::tiles_accepted, __builtin_popcount(full));
@@ -224,7 +225,7 @@ class Descent {
   // The 16 pixels of a block.
   bool draw_pixels(const int32_t f[3], int x, int y) {
     const uint32_t outside = sign_mask((f[0] + table_[0].step) | (f[1] + table_[1].step) | (f[2] + table_[2].step));
-    counts_->add(Counter::edges_32, 3 * 16);
+    counts_->add_edges(Counter::edges_32, 3 * 16, x, y);
     const bool any = draw_block(x, y, outside ^ kAllParts);
     if (!any) counts_->add(Counter::tiles_empty, 1);
     return any;
@@ -246,7 +247,7 @@ class Descent {
     if (!covered) return false;
     if (x / kBin * kBin != depth_.left || y / kBin * kBin != depth_.top) depth_ = depth_in_cell(r_, x / kBin, y / kBin);
     is_thin(r_) ? offer<true>(x, y, covered) : offer<false>(x, y, covered);
-    counts_->add(Counter::fragments, __builtin_popcount(covered));
+    counts_->add_fragments_of(covered, 4, x, y);
     return true;
   }
 

@@ -32,6 +32,7 @@ void draw_row(const Record& r, int y, int64_t lower, int64_t upper, const Frame&
     }
     keep_nearest_atomically(view.packed + (int64_t)y * view.view.width + x,
                             pack_fragment(finish_depth(z, r.zmin, r.zmax), r.triangle), counts);
+    counts->add_fragments(1, x, y);
   }
 }
 
@@ -43,21 +44,21 @@ void draw_record(const Record& r, const Frame& view, Counts* counts) {
       cut_span(edge_steps(e, r.x0, y), -e.dy, &lower, &upper);
     }
     draw_row(r, y, lower, upper, view, counts);
-    counts->add(Counter::fragments, std::max<int64_t>(upper - lower, 0));
+    counts->add_edges(Counter::edges_64, 3, r.x0, y);
   }
   counts->add(Counter::records, 1);
   counts->add(Counter::by_rows, 1);
-  counts->add(Counter::edges_64, 3 * (r.y1 - r.y0));
   counts->add(Counter::rows, r.y1 - r.y0);
 }
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   clear_image(frame, parallel);
   parallel(shares_of(frame, values[0]), [&](int64_t i) {
     const Share share = share_of(frame, values[0], i);
     const Frame view = view_of(frame, share.view);
-    Counts counts;
-    set_up(frame, share, [&](const Record& r) { draw_record(r, view, &counts); });
+    Counts counts(frame.map);
+    // A copy, since the compiler need not read it again after each atomic operation on a pixel.
+    set_up(frame, share, [&](Record r) { draw_record(r, view, &counts); });
     counts.publish_task(frame.counters);
   });
   write_depth_image(frame, parallel);
@@ -67,7 +68,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 
 extern const Variant scanline_variant;
 const Variant scanline_variant = {"scanline", "a triangle a thread, row by row, with atomics: Sui's first pipeline",
-                                  kParameters, draw, /*shades=*/false};
+                                  kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

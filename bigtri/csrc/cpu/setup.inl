@@ -1,12 +1,12 @@
-// Projection of vertices and set-up of records, the first two kernels of the bin_owned variant (bin_owned.cpp calls
-// them per piece of vertices and per chunk of triangles). Compiled once per instruction set.
+// Projection of vertices and set-up of records: the kernels of setup.h, which all variants call per piece of vertices and
+// per share of triangles. Compiled once per instruction set.
 //
 // Triangles that need no clipping are set up eight at a time: set-up is a third of the time of a mesh of small
 // triangles, and a triangle's orientation and first vertex are branches that nothing predicts. set_up_eight computes
-// what make_primitive (core/setup.h) and fill_record (core/record.h) compute, step by step. It leaves out what covers no
-// pixel where that is quickly seen.
+// what make_primitive (core/setup.h) and fill_record (core/record.h) compute, step by step.
 #pragma once
 
+#include "../core/resolve.h"
 #include "kernels.h"
 #include "simd.h"
 
@@ -80,8 +80,12 @@ BIGTRI_INLINE i32x8 covers_nothing(const i32x8 x[3], const i32x8 y[3], const i32
           (outside[1][1] | one_column | one_row)) < 0;
 }
 
+// Whether vectors hold what a rung's records are made of: snapped vertices of at most 25 bits, and nothing else.
+constexpr bool kSetsUpEight = Rung::kSubpixelBits <= 8 && !kUnsnapped;
+
 // Sets up the first `count` of eight triangles and returns the number of records.
-int set_up_eight(const Eight& t, int count, const Viewport& view, Record* records, uint32_t* candidates) {
+int set_up_eight(const SetupJob& job, const Eight& t, int count, Record* records, uint32_t* candidates) {
+  const Viewport& view = job.frame.view;
   i32x8 x[3], y[3];
   f32x8 z[3];
   for (int k = 0; k < 3; ++k) {
@@ -112,7 +116,7 @@ int set_up_eight(const Eight& t, int count, const Viewport& view, Record* record
   rotate(z, second & (two == 0), two);
   const i32x8 longest = greatest(max_x - min_x, max_y - min_y);
   const i32x8 tiny = (longest < kTinyExtent) & (x1 - x0 < 3) & (y1 - y0 < 3);
-  if (sign_mask(tiny) & kept) {
+  if (job.skips_empty && (sign_mask(tiny) & kept)) {
     kept &= ~sign_mask(tiny & covers_nothing(x, y, x0, y0, x1 - x0, y1 - y0));
     if (!kept) return 0;
   }
@@ -158,28 +162,24 @@ int set_up_eight(const Eight& t, int count, const Viewport& view, Record* record
     r.x1 = x1[i];
     r.y1 = y1[i];
     r.flags = (uint32_t)flags[i];
-    candidates[n++] = (uint32_t)touched[i];
+    r.view = job.view;
+    if (candidates) candidates[n] = (uint32_t)touched[i];
+    ++n;
   }
   return n;
 }
 
-// Sets up a triangle that crosses a clip plane. outside: the planes that a vertex is outside of. Returns the number of
-// records.
-int set_up_clipped(const SetupJob& job, int64_t t, uint32_t outside, Record* records, uint32_t* candidates) {
-  float v[3][4];
-  for (int k = 0; k < 3; ++k)
-    for (int i = 0; i < 4; ++i) v[k][i] = job.positions[4 * (int64_t)job.triangles[3 * t + k] + i];
-  Fan fan;
-  make_fan(v, outside, job.view.width, job.view.height, &fan);
-  Primitive p;
-  int n = 0;
-  for (int s = 0; s + 2 < fan.count; ++s) {
-    if (!fan_primitive(fan.projected, fan.apex, fan.count, s, job.view, &p)) continue;
-    fill_record(p, t, records + n, kDirectPixels);
-    candidates[n] = (uint32_t)bin_box(records[n]).count;
-    ++n;
+// Sets up one triangle, by the code of core/: one that crosses a clip plane, and any on a rung that vectors do not hold.
+// Returns the number of records.
+int set_up_one(const SetupJob& job, int64_t t, Record* records, uint32_t* candidates, int64_t* dropped) {
+  Parent parent;
+  *dropped += expand_triangle(job.frame, t, &parent) == Fate::kDropped;
+  for (int s = 0; s < parent.count; ++s) {
+    fill_record(parent.primitive[s], t, records + s, kDirectPixels);
+    records[s].view = job.view;
+    if (candidates) candidates[s] = (uint32_t)bin_box(records[s]).count;
   }
-  return n;
+  return parent.count;
 }
 
 // How many triangles before its turn the vertices of a triangle are fetched into the cache. In a mesh whose triangles
@@ -189,16 +189,22 @@ constexpr int kAhead = 16;
 // Fate::kNothing needs no case: such a triangle gives no record, and is not counted as dropped.
 int64_t setup(const SetupJob& job, int64_t begin, int64_t end, Record* records, uint32_t* candidates,
               int64_t* dropped) {
-  int64_t n = 0, lost = 0;
+  int64_t n = 0;
+  *dropped = 0;
+  const auto place = [&] { return candidates ? candidates + n : nullptr; };
+  if constexpr (!kSetsUpEight) {
+    for (int64_t t = begin; t < end; ++t) n += set_up_one(job, t, records + n, place(), dropped);
+    return n;
+  }
   Eight whole = {};
   int waiting = 0;  // triangles in `whole`
   for (int64_t t = begin; t < end; ++t) {
-    const int32_t* index = job.triangles + 3 * t;
-    if (end - t > kAhead)
+    const int32_t* index = job.frame.triangles + 3 * t;
+    if (job.vertices && job.frame.count - t > kAhead)
       for (int k = 0; k < 3; ++k) __builtin_prefetch(job.vertices + (index[3 * kAhead + k] - job.first_vertex));
     uint32_t flags[3];
     for (int k = 0; k < 3; ++k) {
-      const Vertex& v = job.vertices[index[k] - job.first_vertex];
+      const Vertex v = vertex_of(job, index[k]);
       whole.x[k][waiting] = v.x;
       whole.y[k][waiting] = v.y;
       whole.z[k][waiting] = v.z;
@@ -208,20 +214,18 @@ int64_t setup(const SetupJob& job, int64_t begin, int64_t end, Record* records, 
     const Fate fate = fate_of(flags[0], flags[1], flags[2]);
     if (fate == Fate::kWhole) {
       if (++waiting < 8) continue;
-      n += set_up_eight(whole, waiting, job.view, records + n, candidates + n);
+      n += set_up_eight(job, whole, waiting, records + n, place());
       waiting = 0;
     } else if (fate == Fate::kClip) {
-      // Those that wait come first: records stand in the order of their triangles, whatever the chunks are.
-      if (waiting) n += set_up_eight(whole, waiting, job.view, records + n, candidates + n);
+      // Those that wait come first: records stand in the order of their triangles, whatever the shares are.
+      if (waiting) n += set_up_eight(job, whole, waiting, records + n, place());
       waiting = 0;
-      n += set_up_clipped(job, t, (flags[0] | flags[1] | flags[2]) & kOutsideMask, records + n, candidates + n);
+      n += set_up_one(job, t, records + n, place(), dropped);
     } else if (fate == Fate::kDropped) {
-      ++lost;
+      ++*dropped;
     }
   }
-  n += set_up_eight(whole, waiting, job.view, records + n, candidates + n);
-  *dropped = lost;
-  return n;
+  return n + set_up_eight(job, whole, waiting, records + n, place());
 }
 
 }  // namespace

@@ -5,9 +5,8 @@
 #include <algorithm>
 #include <vector>
 
-#include "../core/resolve.h"
-#include "backend.h"
 #include "counting.h"
+#include "groups.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -45,22 +44,23 @@ inline Share share_of(const CheckedFrame& frame, int64_t size, int64_t i) {
   return {view, begin, std::min(begin + size, range.end)};
 }
 
+// Triangles that are set up at a time. The records of so many are in the core's cache when they are handed on.
+constexpr int64_t kPiece = 32;
+
 // Calls body(record) for each record of a share, in the order of triangles, and adds what is dropped.
 template <class Body>
-void set_up(const CheckedFrame& frame, const Share& share, Body body) {
-  const Frame view = view_of(frame, share.view);
-  Parent parent;
+void set_up(const ProjectedFrame& frame, const Share& share, Body body) {
+  const SetupJob job = setup_job(frame, share.view);
+  Record records[kPiece * kMaxSubTriangles];
   int64_t dropped = 0;
-  for (int64_t t = share.begin; t < share.end; ++t) {
-    dropped += expand_triangle(view, t, &parent) == Fate::kDropped;
-    for (int s = 0; s < parent.count; ++s) {
-      Record r;
-      fill_record(parent.primitive[s], t, &r);
-      r.view = (int32_t)share.view;
-      body(r);
-    }
+  for (int64_t begin = share.begin; begin < share.end; begin += kPiece) {
+    int64_t lost;
+    const int64_t end = std::min(begin + kPiece, share.end);
+    const int64_t count = current_kernels().setup.setup(job, begin, end, records, nullptr, &lost);
+    for (int64_t i = 0; i < count; ++i) body(records[i]);
+    dropped += lost;
   }
-  __atomic_fetch_add(view.dropped, dropped, __ATOMIC_RELAXED);
+  __atomic_fetch_add(frame.dropped + share.view, dropped, __ATOMIC_RELAXED);
 }
 
 // Shares whose records and queues are held at once, which bounds the memory. They are whole views, unless one view has
@@ -76,18 +76,20 @@ struct Round {
   // Sets all shares up, and then calls body(share, record, counts) for each record of a share, in the order of triangles.
   // Records stay where they are as long as the round lasts.
   template <class Body>
-  void set_up(const CheckedFrame& frame, const Parallel& parallel, Body body) {
+  void set_up(const ProjectedFrame& frame, const Parallel& parallel, Body body) {
     parallel(count, [&](int64_t i) {
-      Counts counts;
+      Counts counts(frame.map);
       set_up_share(frame, i, body, &counts);
       counts.publish(frame.counters);
     });
   }
   // The same of one of the round's shares.
   template <class Body>
-  void set_up_share(const CheckedFrame& frame, int64_t i, Body body, Counts* counts) {
+  void set_up_share(const ProjectedFrame& frame, int64_t i, Body body, Counts* counts) {
+    const Share share = share_of(frame, size, first + i);
     std::vector<Record>& own = records[(size_t)i];
-    bigtri::set_up(frame, share_of(frame, size, first + i), [&](const Record& r) { own.push_back(r); });
+    own.reserve((size_t)std::max<int64_t>(share.end - share.begin, 0));
+    bigtri::set_up(frame, share, [&](const Record& r) { own.push_back(r); });
     for (const Record& r : own) body(i, &r, counts);
     counts->add(Counter::records, (int64_t)own.size());
     counts->add(Counter::by_tiles, (int64_t)own.size());

@@ -26,7 +26,7 @@ struct Pair {
 // The owned tiles of the views of a round, and their lists.
 class Lists {
  public:
-  Lists(const CheckedFrame& frame, const Parallel& parallel, Round* round)
+  Lists(const ProjectedFrame& frame, const Parallel& parallel, Round* round)
       : columns_((frame.view.width + kOwnedTile - 1) / kOwnedTile),
         of_view_((int64_t)columns_ * ((frame.view.height + kOwnedTile - 1) / kOwnedTile)),
         first_view_(round->first_view),
@@ -54,7 +54,7 @@ class Lists {
 
   int64_t of_view() const { return of_view_; }
 
-  void draw(const CheckedFrame& frame, int64_t tile, bool begun, Counts* counts) const {
+  void draw(const ProjectedFrame& frame, int64_t tile, bool begun, Counts* counts) const {
     const int64_t in_view = tile % of_view_, count = begin_[(size_t)tile + 1] - begin_[(size_t)tile];
     const Square square = square_of(frame, first_view_ + tile / of_view_, (int)(in_view % columns_) * kOwnedTile,
                                     (int)(in_view / columns_) * kOwnedTile, kOwnedTile);
@@ -80,7 +80,7 @@ class Lists {
       counts->add(Counter::candidates, 1);
       counts->add(Counter::bins_tested, 1);
       counts->add(Counter::bins_rejected, !kept);
-      counts->add(Counter::edges_64, 3);
+      counts->add_edges(Counter::edges_64, 3, bin_x * kBin, bin_y * kBin, kBin);
       if (!kept) continue;
       uint64_t touched, full;
       current_kernels().tile_owned.find_quads(r, bin_x, bin_y, &touched, &full, counts);
@@ -116,7 +116,7 @@ class Lists {
   std::vector<OwnedEntry> entries_;
 };
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   const bool clears = !has_whole_views(frame, values[kShare]);
   if (clears)
     clear_image(frame, parallel);
@@ -127,7 +127,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
     const Lists lists(frame, parallel, &round);
     const int64_t tasks = (lists.of_view() + together - 1) / together;
     parallel(round.views * tasks, [&](int64_t i) {
-      Counts counts;
+      Counts counts(frame.map);
       const int64_t first = i / tasks * lists.of_view(), begin = i % tasks * together;
       for (int64_t tile = begin; tile < std::min(begin + together, lists.of_view()); ++tile)
         lists.draw(frame, first + tile, clears, &counts);
@@ -142,7 +142,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 extern const Variant tile_owned_variant;
 const Variant tile_owned_variant = {"tile_owned",
                                     "a list for each 16 px tile, owned tiles, bounds of depth: this project's own",
-                                    kParameters, draw, /*shades=*/false};
+                                    kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -49,6 +49,7 @@ void draw_list(const Record* records, const OwnedEntry* list, int64_t count, int
       const uint64_t covered = boxed_pixels(r, x + left, y + top) & inside;
       counts->add(Counter::tiles_empty, !covered);
       merge_tile(d, covered, i + left, j + top, pixels + top * kOwnedTile + left, kOwnedTile, counts);
+      counts->add_fragments_of(covered, kTile, x + left, y + top);
     }
   }
 }

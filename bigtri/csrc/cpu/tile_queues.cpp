@@ -47,7 +47,7 @@ void push_to_tiles(const BinQueues& bins, int64_t bin, TileQueues* tiles, Counts
 }
 
 // Draws the queues of a bin's tiles, and empties them.
-void draw_tiles(const CheckedFrame& frame, const BinQueues::Spot& spot, TileQueues* tiles, Counts* counts) {
+void draw_tiles(const ProjectedFrame& frame, const BinQueues::Spot& spot, TileQueues* tiles, Counts* counts) {
   for (int t = 0; t < kWideTiles * kWideTiles; ++t) {
     std::vector<TileEntry>& queue = tiles->of[t];
     if (queue.empty()) continue;
@@ -61,14 +61,14 @@ void draw_tiles(const CheckedFrame& frame, const BinQueues::Spot& spot, TileQueu
   }
 }
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   clear_image(frame, parallel);
   std::vector<TileQueues> memory((size_t)parallel.threads);
   each_round(frame, values[kShare], [&](Round& round) {
     BinQueues bins(frame, kWideBin, values[kRoom], round.first_view, round.views);
     round.set_up(frame, parallel, [&](int64_t, const Record* r, Counts* counts) { bins.push(r, counts); });
     parallel.with_slots(bins.count(), [&](int64_t bin, int64_t slot) {
-      Counts counts;
+      Counts counts(frame.map);
       push_to_tiles(bins, bin, &memory[(size_t)slot], &counts);
       draw_tiles(frame, bins.spot(bin), &memory[(size_t)slot], &counts);
       counts.publish_task(frame.counters);
@@ -82,7 +82,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
 extern const Variant tile_queues_variant;
 const Variant tile_queues_variant = {"tile_queues",
                                      "queues of 128 px bins, then of 8 px tiles, then pixels: Sui's second pipeline",
-                                     kParameters, draw, /*shades=*/false};
+                                     kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

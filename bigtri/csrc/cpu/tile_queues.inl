@@ -38,10 +38,10 @@ void find_tiles(const Record& r, int left, int top, WideMasks* masks, DepthNumbe
     in_rows[row / 8] |= touched;
     counts->add(Counter::tiles_rejected, row >= y0 && row <= y1 ? x1 - x0 + 1 - __builtin_popcount(touched) : 0);
     counts->add(Counter::tiles_accepted, __builtin_popcount(full & touched));
-    counts->add(Counter::edges_64, 3 * __builtin_popcount(touched));
+    for (int c = x0; kCounts && row >= y0 && row <= y1 && c <= x1; ++c)
+      counts->add_edges(Counter::edges_64, touched >> c & 1 ? 6 : 3, left + c * kTile, top + row * kTile);
   }
   counts->add(Counter::tiles_tested, (x1 - x0 + 1) * (y1 - y0 + 1));
-  counts->add(Counter::edges_64, 3 * (x1 - x0 + 1) * (y1 - y0 + 1));
   for (int c = 0; c < 4; ++c)
     if (in_rows[c / 2] >> (c % 2 * 8) & 0xff) anchors[c] = cell_anchor(r, left / kBin + c % 2, top / kBin + c / 2);
 }
@@ -54,6 +54,7 @@ void draw_queue(const TileEntry* queue, int64_t count, int x, int y, int64_t* pi
     CellDepth d;
     cell_depth(r, x / kBin, y / kBin, queue[n].anchor, &d);
     merge_tile(d, covered, x % kBin, y % kBin, pixels, kTile, counts);
+    counts->add_fragments_of(covered, kTile, x, y);
   }
 }
 

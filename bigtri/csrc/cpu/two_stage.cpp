@@ -36,18 +36,18 @@ void list_pairs(const Record& r, int32_t record, std::vector<Pair>* pairs, Count
   for (int i = 0; i < box.count; ++i) {
     const int x = box.x + i % box.columns, y = box.y + i / box.columns;
     EdgesInBin edges;
+    counts->add_edges(Counter::edges_64, 3, x * kBin, y * kBin, kBin);
     if (edges_in_bin(r, x, y, &edges)) pairs->push_back({record, (int16_t)x, (int16_t)y});
   }
   const int64_t kept = (int64_t)(pairs->size() - before);
   counts->add(Counter::candidates, box.count);
   counts->add(Counter::bins_tested, box.count);
   counts->add(Counter::bins_rejected, box.count - kept);
-  counts->add(Counter::edges_64, 3 * box.count);
   counts->add(Counter::entries, kept);
   counts->add(Counter::bytes, kept * (int64_t)sizeof(Pair));
 }
 
-void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
+void draw(const ProjectedFrame& frame, const Parallel& parallel, const int64_t* values) {
   clear_image(frame, parallel);
   const size_t together = (size_t)values[kPairs];
   const TwoStageKernels& kernels = current_kernels().two_stage;
@@ -64,7 +64,7 @@ void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* va
       }
     parallel((int64_t)blocks.size(), [&](int64_t i) {
       const Block& block = blocks[(size_t)i];
-      Counts counts;
+      Counts counts(frame.map);
       for (const Pair* p = block.begin; p < block.end; ++p) {
         const Record& r = block.records[p->record];
         kernels.draw_bin(r, p->bin_x, p->bin_y, pixels_of(frame, r.view), frame.view.width, &counts);
@@ -81,7 +81,7 @@ extern const Variant two_stage_variant;
 const Variant two_stage_variant = {
     "two_stage",
     "one queue of (record, bin) pairs, first come first served: Kenzel et al. 2018, Liopas's first pipeline",
-    kParameters, draw, /*shades=*/false};
+    kParameters, draw_groups<draw>, /*shades=*/false};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

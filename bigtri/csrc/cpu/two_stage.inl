@@ -59,9 +59,9 @@ BIGTRI_INLINE void draw_tile(const Record& r, const DepthInCell& depth, const Ed
     const int x = p % kTile, y = p / kTile;
     covered[p] &= (x >= left) & (x < right) & (y >= top) & (y < bottom);
     some |= covered[p];
-    counts->add(Counter::fragments, covered[p]);
+    counts->add_fragments(covered[p], edges.bin.left + i + x, edges.bin.top + j + y);
   }
-  counts->add(Counter::edges_32, 3 * kTilePixels);
+  counts->add_edges(Counter::edges_32, 3 * kTilePixels, edges.bin.left + i, edges.bin.top + j);
   counts->add(Counter::tiles_empty, !some);
   if (!some) return;
   float z[kTilePixels];
@@ -81,7 +81,7 @@ BIGTRI_INLINE void draw_touched(const Record& r, const EdgesInBin& edges, int bi
     const bool touched = touches_tile(edges, column, row);
     counts->add(Counter::tiles_tested, 1);
     counts->add(Counter::tiles_rejected, !touched);
-    counts->add(Counter::edges_32, touched ? 6 : 3);
+    counts->add_edges(Counter::edges_32, touched ? 6 : 3, edges.bin.left + column * kTile, edges.bin.top + row * kTile);
     if (!touched) continue;
     const bool full = fills_tile(edges, column, row);
     counts->add(Counter::tiles_accepted, full);
@@ -93,7 +93,7 @@ BIGTRI_INLINE void draw_touched(const Record& r, const EdgesInBin& edges, int bi
 
 void draw_bin(const Record& r, int bin_x, int bin_y, int64_t* pixels, int width, Counts* counts) {
   EdgesInBin edges;
-  counts->add(Counter::edges_64, 6);
+  counts->add_edges(Counter::edges_64, 6, bin_x * kBin, bin_y * kBin, kBin);
   if (!edges_in_bin(r, bin_x, bin_y, &edges)) return;
   if (is_thin(r))
     draw_touched<true>(r, edges, bin_x, bin_y, pixels, width, counts);

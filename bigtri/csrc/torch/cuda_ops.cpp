@@ -50,11 +50,19 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   frame.counters = counters ? data<int64_t>(*counters) : nullptr;
   if (frame.views == 0) return;
   const torch::stable::accelerator::DeviceGuard guard(device);
-  const int64_t bytes = chosen.scratch_bytes(frame, values.data());
-  std::optional<Tensor> scratch;  // given back when the launches are in the stream: torch reuses it in stream order
-  if (bytes > 0) scratch = empty({bytes}, ScalarType::Byte, device);
-  void* memory = scratch ? scratch->mutable_data_ptr() : nullptr;
-  check_launch(op, chosen.draw(frame, values.data(), memory, current_stream(device)));
+  const WorkingMemory scratch(chosen.scratch_bytes(frame, values.data()));
+  check_launch(op, chosen.draw(frame, values.data(), scratch.data(), current_stream(device)));
+}
+
+NewResults rasterize_new_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                                 const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
+                                 const std::string& precision, bool depth) {
+  const std::string standard = find_rung("rasterize", kCudaRungs, precision).variants[0]->name;
+  NewResults made = new_results(device_of({&positions}), positions, height, width, depth);
+  const auto& [packed, image, dropped] = made;
+  rasterize_cuda_op(positions, triangles, height, width, cull, scissor ? *scissor : whole(height, width), standard,
+                    precision, 1, {}, std::nullopt, std::nullopt, packed, image, dropped, std::nullopt);
+  return made;
 }
 
 }  // namespace
@@ -65,7 +73,10 @@ STABLE_TORCH_LIBRARY_FRAGMENT(bigtri, m) {
   m.def("cuda_variants(str precision) -> str");
 }
 
-STABLE_TORCH_LIBRARY_IMPL(bigtri, CUDA, m) { m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_cuda_op)); }
+STABLE_TORCH_LIBRARY_IMPL(bigtri, CUDA, m) {
+  m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_cuda_op));
+  m.impl("rasterize_new", TORCH_BOX(&bigtri::rasterize_new_cuda_op));
+}
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
   m.impl("cuda_rungs", TORCH_BOX(&bigtri::cuda_rungs_op));

@@ -2,6 +2,7 @@
 // on.
 #pragma once
 
+#include <tuple>
 #include <utility>
 
 #include "checks.h"
@@ -57,6 +58,25 @@ inline int32_t checked_views(int device, const Tensor& positions, const Tensor& 
   if (depth) check_apart(op, "depth", *depth, "dropped", dropped);
   return (int32_t)views;
 }
+
+using NewResults = std::tuple<Tensor, std::optional<Tensor>, Tensor>;  // packed, depth, dropped
+
+// Memory for the results, on `device`; all arguments are checked when it is drawn to, here only what it is made from.
+inline NewResults new_results(int device, const Tensor& positions, int64_t height, int64_t width, bool depth) {
+  const char* op = "rasterize";
+  check_size(op, height, width);
+  BIGTRI_CHECK(positions.defined() && (positions.dim() == 2 || positions.dim() == 3), "bigtri::", op,
+               ": positions must be float32 [V, 4] or [B, V, 4], got ", describe(positions));
+  const int64_t shape[] = {positions.size(0), height, width};  // without the first where there is one view
+  const size_t single = positions.dim() == 2 ? 1 : 0;
+  const Sizes image(shape + single, 3 - single), views(shape, 1 - single);
+  NewResults made = {empty(image, ScalarType::Long, device), std::nullopt, empty(views, ScalarType::Long, device)};
+  if (depth) std::get<1>(made) = empty(image, ScalarType::Float, device);
+  return made;
+}
+
+// The scissor that leaves all of the image.
+inline std::vector<int64_t> whole(int64_t height, int64_t width) { return {0, 0, width, height}; }
 
 // Arguments that are part of the schema, but that no variant serves yet. docs/numerics.md 1 defines them.
 inline void check_unserved(int64_t samples, const std::optional<Tensor>& behind) {

@@ -54,6 +54,59 @@ void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   chosen.draw(frame, parallel, values.data());
 }
 
+// One view, drawn by a variant that counts. More tasks may draw than `tasks` has room for; counters has their number.
+void map_work_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                 const std::string& cull, const std::vector<int64_t>& scissor, const std::string& variant,
+                 const std::string& precision, const std::vector<int64_t>& parameters, const Tensor& packed,
+                 const Tensor& dropped, const Tensor& counters, const Tensor& fragments, const Tensor& edges,
+                 const Tensor& tasks) {
+  const char* op = "map_work";
+  const Viewport view = viewport(op, height, width, cull, scissor);
+  const CpuRung& rung = find_rung(op, kCpuRungs, precision);
+  BIGTRI_CHECK(rung.counting, "bigtri::", op, ": precision must be one whose variants count, got '", precision, "'");
+  const Variant& chosen = find_variant(op, rung.counting, variant, precision, "");
+  const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
+  check(op, "positions", positions, ScalarType::Float, {-1, 4}, "float32 [V, 4]");
+  check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
+  check(op, "packed", packed, ScalarType::Long, {height, width}, "int64 [height, width]");
+  check(op, "dropped", dropped, ScalarType::Long, {}, "int64 []");
+  check(op, "counters", counters, ScalarType::Long, {kCounters}, "int64 [one for each counter]");
+  const int columns = (view.width + kBin - 1) / kBin, rows = (view.height + kBin - 1) / kBin;
+  check(op, "fragments", fragments, ScalarType::Long, {(int64_t)rows * kBin, (int64_t)columns * kBin},
+        "int64 [height, width], both up to a multiple of 64");
+  check(op, "edges", edges, ScalarType::Long, {WorkMap::squares(columns, rows)},
+        "int64 [squares of 8, 16, ... px, up to one that holds the image's bins]");
+  check(op, "tasks", tasks, ScalarType::Long, {-1}, "int64 [room]");
+  const std::pair<const char*, const Tensor&> inputs[] = {{"positions", positions}, {"triangles", triangles}};
+  const std::pair<const char*, const Tensor&> outputs[] = {{"packed", packed},     {"dropped", dropped},
+                                                           {"counters", counters}, {"fragments", fragments},
+                                                           {"edges", edges},       {"tasks", tasks}};
+  for (const auto& [input_name, input] : inputs)
+    for (const auto& [output_name, output] : outputs) check_apart(op, output_name, output, input_name, input);
+  const Parallel parallel = torch_threads();
+  CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(0));
+  WorkMap map = {columns, rows, data<int64_t>(fragments), data<int64_t>(edges), data<int64_t>(tasks), tasks.size(0), 0};
+  frame.positions = const_data<float>(positions);
+  frame.views = 1;
+  frame.view = view;
+  frame.packed = data<int64_t>(packed);
+  frame.dropped = data<int64_t>(dropped);
+  frame.counters = data<int64_t>(counters);
+  frame.map = &map;
+  chosen.draw(frame, parallel, values.data());
+}
+
+NewResults rasterize_new_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                            const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
+                            const std::string& precision, bool depth) {
+  const std::string standard = find_rung("rasterize", kCpuRungs, precision).variants[0]->name;
+  NewResults made = new_results(kCpu, positions, height, width, depth);
+  const auto& [packed, image, dropped] = made;
+  rasterize_op(positions, triangles, height, width, cull, scissor ? *scissor : whole(height, width), standard,
+               precision, 1, {}, std::nullopt, std::nullopt, packed, image, dropped, std::nullopt);
+  return made;
+}
+
 bool has_isa(std::string name) {
   Isa isa;
   return find_isa(name, &isa);
@@ -93,6 +146,15 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
       "rasterize(Tensor positions, Tensor triangles, int height, int width, str cull, int[] scissor, str variant, "
       "str precision, int samples, int[] parameters, Tensor? ranges, Tensor? behind, Tensor(a!) packed, "
       "Tensor(b!)? depth, Tensor(c!) dropped, Tensor(d!)? counters) -> ()");
+  m.def(
+      "map_work(Tensor positions, Tensor triangles, int height, int width, str cull, int[] scissor, str variant, str "
+      "precision, int[] parameters, Tensor(a!) packed, Tensor(b!) dropped, Tensor(c!) counters, Tensor(d!) fragments, "
+      "Tensor(e!) edges, Tensor(f!) tasks) -> ()");
+  // The same into new memory, by the standard variant: what most calls are. torch takes 0.1 to 0.5 us for each argument,
+  // and longer to make a tensor for Python than for an operator.
+  m.def(
+      "rasterize_new(Tensor positions, Tensor triangles, int height, int width, str cull, int[]? scissor, str "
+      "precision, bool depth) -> (Tensor packed, Tensor? depth_image, Tensor dropped)");
   m.def("has_isa(str name) -> bool");
   m.def("isa() -> str");
   m.def("set_isa(str name) -> ()");
@@ -140,7 +202,11 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
       "Tensor(f!)? depth, Tensor(g!) dropped) -> ()");
 }
 
-STABLE_TORCH_LIBRARY_IMPL(bigtri, CPU, m) { m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_op)); }
+STABLE_TORCH_LIBRARY_IMPL(bigtri, CPU, m) {
+  m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_op));
+  m.impl("map_work", TORCH_BOX(&bigtri::map_work_op));
+  m.impl("rasterize_new", TORCH_BOX(&bigtri::rasterize_new_op));
+}
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
   m.impl("has_isa", TORCH_BOX(&bigtri::has_isa));

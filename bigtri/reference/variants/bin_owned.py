@@ -20,7 +20,7 @@ from ..work import Job, Pixels, boxed_tiles, load, pack, record_bytes
 STANDARD = {"records": 1 << 18, "candidates": 1 << 23}
 REJECTS_BY_DEPTH = ""  # it does, in an order that threads do not decide: that of the triangles
 OWNS_PIXELS = True
-_DIRECT_PIXELS = 384  # px of bbox; kDirectPixels of csrc/cpu/bin_owned.h
+_DIRECT_PIXELS = 384  # px of bbox; kDirectPixels of csrc/cpu/setup.h
 _DIRECT_EXTENT = 1024  # px; kDirectExtent of csrc/core/record.h
 _TINY_EXTENT = 4  # px; kTinyExtent of csrc/cpu/setup.inl
 _BLOCK = 96  # large records; kBlock of csrc/cpu/bin_owned.inl
