@@ -448,7 +448,7 @@ int transform_on_cpu(const float* points, const double* matrices, int64_t count,
 // What shade_on_cpu gets. Arrays are those of the operators `shade` and `draw`; null: left out.
 struct PictureOnCpu {
   int64_t views, height, width, samples, channels, vertices, triangles, materials, textures, lights, two_sided, cull;
-  const void* packed;  // null: the triangles are drawn first
+  const void* packed;  // null: the triangles are drawn first; and into memory that is nobody's, if drawn is null too
   const void *positions, *indices, *uvs, *colors, *normals, *face_normals, *material, *looks, *base_colors,
       *light_directions, *light_colors;
   const float *constants, *thresholds;
@@ -523,9 +523,11 @@ int shade_on_cpu(const PictureOnCpu* p) {
   job.width = (int)p->width;
   job.samples = (int)p->samples;
   job.channels = (int)p->channels;
+  job.of_triangles = !p->packed;
   kernel = 0;
   const Memory scratch((size_t)BIGTRI_RUNG::shading_scratch(job), 0x7f);
   int error = BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
+  const Memory buffer((size_t)(p->packed || p->drawn ? 0 : 8 * samples), 0x7f);
   if (!p->packed) {
     Frame f = {};
     f.positions = job.positions;
@@ -535,7 +537,7 @@ int shade_on_cpu(const PictureOnCpu* p) {
     f.count = job.count;
     f.views = (int32_t)job.views;
     f.view = {job.width, job.height, 0, 0, job.width, job.height, (int)p->cull};
-    f.packed = (int64_t*)output(p->drawn, 8 * samples);
+    f.packed = p->drawn ? (int64_t*)output(p->drawn, 8 * samples) : buffer.of<int64_t>();
     f.depth = (float*)output(p->depth, 4 * samples);
     f.dropped = (int64_t*)output(p->dropped, 8 * job.views);
     const CudaVariant& variant = **BIGTRI_NAMESPACE::kCudaVariants;

@@ -195,7 +195,7 @@ def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("row = row_of_all - view * work.area_rows.by;", "row = row_of_all;", "values of image"),
+        ("*row = word.view * job.height + word.y;", "*row = word.y;", "values of image"),
         ("place = kNoPlace;", "place = 0;", "picture 2"),
         ("work.projected + at.view * job.vertices", "work.projected", "picture 3"),
         ("if (pixels >= kWarp && ((uintptr_t)bytes & 3) == 0) {", "if (true) {", "access beyond memory"),

@@ -4,9 +4,7 @@
 
 #include <cuda_runtime.h>
 
-#include "areas.h"
-#include "launch.cuh"
-#include "short_divisor.cuh"
+#include "areas.cuh"
 #include "weights.cuh"
 
 namespace bigtri {
@@ -14,23 +12,23 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // begin_frame makes tables, clips what has to be clipped, each triangle once, and where a triangle has many pixels on
-// average, it sets up all of them; fill_background makes a picture of nothing but background. Both may run beside the
-// frame's own kernels. Behind all of these `shade` finishes the pixels that have a triangle, a pixel a lane. Pixels of a
-// clipped triangle for which there was no memory are left to shade_left, which ends at once where there are none. Where
-// several samples make a pixel all of them work on samples, and add_samples adds those up.
+// average, it sets up all of them. Where the buffer is of these triangles, it marks the areas that they may touch, and
+// fill_background lists these and makes a picture of nothing but background. All this may run beside the frame's own
+// kernels. Behind both shade_listed finishes the areas listed, or shade_all all areas, a pixel a lane. Pixels of a clipped
+// triangle for which there was no memory are left to shade_left, which ends at once where there are none. Where several
+// samples make a pixel all of them work on samples, and add_samples adds those up.
 
 constexpr int kShadeWarps = 4;  // of a block, in all kernels but begin_frame
 constexpr int kShadeThreads = kShadeWarps * kWarp;
-// Of `shade` where areas are listed. Their number only the device knows, so there are blocks for all areas, of which most
+// Of shade_all where areas are listed. Their number only the device knows, so there are blocks for all areas, of which many
 // have nothing to do: the fewer, the better.
 constexpr int kListedThreads = 512;
 constexpr int kBeginWarps = 8;
 constexpr int kBeginThreads = kBeginWarps * kWarp;
-// A word is 32 pixels of a row; an area has so many. In a large picture a warp takes several together.
-constexpr int kWordsOfArea = kAreaWidth * kAreaHeight / kWarp;
+// Of a large picture a warp takes several words together.
 constexpr int kWordsOfLarge = 4;
 constexpr int64_t kPixelsOfLarge = 4 << 20;
-constexpr int kPixelsAtOnce = 1 << 29;  // of whole areas that `shade` is launched for, unless one view has more
+constexpr int kPixelsAtOnce = 1 << 29;  // of whole areas that a launch is for, unless one view has more
 constexpr int kFewestPlaces = 4;      // for the clipped triangles of a block of begin_frame
 constexpr int kMostPlaces = 32;
 constexpr int kAllPlaces = 4096;  // of all blocks, where that gives each its fewest
@@ -54,7 +52,6 @@ struct Thresholds {
 struct Work {
   ShortDivisor width, height, triangles;  // of the buffer, in px; T
   Areas areas;                            // of the launch's views
-  ShortDivisor area_columns, area_rows;   // of a view
   int64_t first_item;                     // views before those of the launch, times T
   bool beside;                            // whether something is wanted beside the picture
   Lookups lookups;
@@ -68,32 +65,6 @@ struct Work {
   ClippedTriangle* clipped;    // [blocks of begin_frame with triangles, places]
   int places;
 };
-
-// Where a pixel lies, or the first one of a word.
-struct Place {
-  uint32_t view;
-  int x, y;
-};
-
-// Words of the areas that the pass reads. Some lie beyond the image.
-__device__ __forceinline__ uint32_t word_count(const Work& work) {
-  return (work.areas.count ? *work.areas.count : (uint32_t)all_of(work.areas)) * kWordsOfArea;
-}
-__device__ __forceinline__ Place word_at(const Work& work, uint32_t i) {
-  const uint32_t number = i / kWordsOfArea;
-  uint32_t view, row, column;
-  if (work.areas.list) {
-    const Area area = work.areas.list[number];
-    view = (uint32_t)area.view, row = area.row, column = area.column;
-  } else {
-    const uint32_t row_of_all = work.area_columns.quotient(number);
-    view = work.area_rows.quotient(row_of_all);
-    row = row_of_all - view * work.area_rows.by;
-    column = number - row_of_all * work.area_columns.by;
-  }
-  return {view, (int)(column * kAreaWidth + i % 2 * kWarp), (int)(row * kAreaHeight + i / 2 % kAreaHeight)};
-}
-static_assert(kAreaWidth == 2 * kWarp, "an area's row is two words");
 
 // Words of a row of the buffer.
 __host__ __device__ __forceinline__ int row_words(const Shading& job) { return (job.width + kWarp - 1) / kWarp; }
@@ -130,15 +101,23 @@ __device__ __forceinline__ void look_at_triangles(const Shading& job, const Work
   __syncthreads();
   const int64_t first = (int64_t)blockIdx.x * kBeginThreads, item = first + threadIdx.x, all = job.views * job.count;
   const auto view_of = [&](int64_t i) { return work.triangles.quotient_of_any(i); };
+  MarkBox box = {};
   if (item < all) {
     const int64_t view = view_of(item);
     const int32_t triangle = (int32_t)(item - view * job.count);
+    const Viewport image = frame_of(job, view).view;
     bool clipped;
     if (work.prepared) {
       PreparedTriangle made;
       prepare(job, view, triangle, &made);
       work.prepared[item] = made;
       clipped = made.whole.fate == Fate::kClip;
+      if (work.areas.list) box = mark_box(work.areas, view, image, made.whole.fate, made.whole.x, made.whole.y);
+    } else if (work.areas.list) {
+      int32_t x[3], y[3];
+      const Fate fate = project_triangle(job, view, triangle, x, y);
+      clipped = fate == Fate::kClip;
+      box = mark_box(work.areas, view, image, fate, x, y);
     } else {
       clipped = is_clipped(job, view, triangle);
     }
@@ -151,6 +130,10 @@ __device__ __forceinline__ void look_at_triangles(const Shading& job, const Work
         place = kNoPlace;
     }
     work.place[item] = (uint8_t)place;
+  }
+  if (work.areas.list) {
+    wait_for_previous();
+    mark(work.areas, box);
   }
   __syncthreads();
   for (int k = this_warp(); k < min_of(count, work.places); k += kBeginWarps) {
@@ -249,11 +232,12 @@ __device__ __forceinline__ void store_word(const Shading& job, uint32_t first, i
   }
 }
 
-// A picture of background. A thread takes 16 bytes in turn, most of which lie in one row.
+// A picture of background, and the list of areas. A thread takes 16 bytes in turn, most of which lie in one row.
 __global__ void __launch_bounds__(kShadeThreads)
     fill_background(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   constexpr uint32_t kBytes = sizeof(uint4);
   wait_for_previous();
+  list_areas(work.areas, blockIdx.x * kShadeWarps + this_warp(), gridDim.x * kShadeWarps);
   const uint32_t channels = (uint32_t)job.channels, rows = (uint32_t)job.views * work.height.by,
                  bytes = rows * work.width.by * channels;
   const auto color_of = [&](uint32_t pixel) { return __ldg(work.background + work.width.quotient(pixel)); };
@@ -285,63 +269,96 @@ __global__ void __launch_bounds__(kShadeThreads)
   }
 }
 
-// A warp takes kWords words, which it looks at together, and then goes through those that have a triangle. Where areas are
-// listed, the picture has its background already.
+// Word number i of the areas, with all lanes: where the lane's pixel lies, its row among those of all views, and its
+// triangle, or -1. False where none of the word lies in the image.
+__device__ __forceinline__ bool look_at_word(const Shading& job, const Work& work, uint32_t i, Place* at, uint32_t* row,
+                                             int32_t* triangle) {
+  const Place word = word_at(work.areas, i);
+  *at = {word.view, word.x + lane_id(), word.y};
+  *row = word.view * job.height + word.y;
+  const bool within = word.x < job.width && word.y < job.height;
+  *triangle = within && at->x < job.width ? triangle_of(job, *row * job.width + at->x) : -1;
+  return within;
+}
+
+// Stores a word of the picture, with all lanes; at: the lane's pixel.
+__device__ __forceinline__ void store_word_at(const Shading& job, const Place& at, uint32_t row, uint32_t color) {
+  const int x = at.x - lane_id();
+  store_word(job, row * job.width + x, job.width - x, color);
+}
+
+// Finishes a word, with all lanes.
+template <bool kPrepared>
+__device__ __forceinline__ void finish_word(const Shading& job, const Work& work, const Place& at, uint32_t row,
+                                            int32_t triangle) {
+  Pixel pixel = Pixel::kBackground;
+  Finished finished;
+  uint32_t color = work.background ? work.background[row] : 0;
+  if (triangle >= 0) {
+    pixel = shade_pixel<kPrepared>(job, work, at, triangle, &finished);
+    if (pixel == Pixel::kDrawn && job.image) color = encoded(*work.lookups.codes, finished.linear);
+    if (pixel == Pixel::kLeft) *work.any_left = 1;
+  }
+  if (work.beside) {
+    if (pixel == Pixel::kBackground) finish_background(job, at.y, &finished);
+    if (pixel != Pixel::kLeft && at.x < job.width) store_beside(job, finished, row * job.width + at.x);
+    const unsigned drawn = __ballot_sync(kAllLanes, pixel == Pixel::kDrawn);
+    if (work.drawn && lane_id() == 0) work.drawn[row * row_words(job) + at.x / kWarp] = drawn;
+  }
+  if (job.image) store_word_at(job, at, row, color);
+}
+
+// All areas, or those that are listed. A warp takes kWords words, which it looks at together, and then goes through those that have a triangle;
+// others take no longer than it takes to load them. The device shares out the warps: a word that a model covers takes ten
+// times as long.
 template <bool kPrepared, int kWords>
 __global__ void __launch_bounds__(kListedThreads, 1024 / kListedThreads)
-    shade(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
+    shade_all(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   wait_for_previous();
   const uint32_t start = (blockIdx.x * (blockDim.x / kWarp) + this_warp()) * kWords;
-  if (start >= word_count(work)) return;
-  // Word number i, with all lanes: false where none of it lies in the image.
-  const auto look = [&](uint32_t i, Place* at, uint32_t* row, int32_t* triangle) {
-    const Place word = word_at(work, i);
-    *at = {word.view, word.x + lane_id(), word.y};
-    *row = word.view * job.height + word.y;
-    *triangle = at->x < job.width && word.y < job.height ? triangle_of(job, *row * job.width + at->x) : -1;
-    return word.x < job.width && word.y < job.height;
-  };
-  const auto store = [&](const Place& at, uint32_t row, uint32_t color) {
-    const int x = at.x - lane_id();
-    store_word(job, row * job.width + x, job.width - x, color);
-  };
-  const auto finish_word = [&](const Place& at, uint32_t row, int32_t triangle) {
-    Pixel pixel = Pixel::kBackground;
-    Finished finished;
-    uint32_t color = work.background ? work.background[row] : 0;
-    if (triangle >= 0) {
-      pixel = shade_pixel<kPrepared>(job, work, at, triangle, &finished);
-      if (pixel == Pixel::kDrawn && job.image) color = encoded(*work.lookups.codes, finished.linear);
-      if (pixel == Pixel::kLeft) *work.any_left = 1;
-    }
-    if (work.beside) {
-      if (pixel == Pixel::kBackground) finish_background(job, at.y, &finished);
-      if (pixel != Pixel::kLeft && at.x < job.width) store_beside(job, finished, row * job.width + at.x);
-      const unsigned drawn = __ballot_sync(kAllLanes, pixel == Pixel::kDrawn);
-      if (work.drawn && lane_id() == 0) work.drawn[row * row_words(job) + at.x / kWarp] = drawn;
-    }
-    if (job.image) store(at, row, color);
-  };
+  if (start >= word_count(work.areas)) return;
   Place at;
   uint32_t row;
   int32_t triangle;
   unsigned covered = 0;
 #pragma unroll
   for (int j = 0; j < kWords; ++j) {
-    if (!look(start + j, &at, &row, &triangle)) continue;
+    if (!look_at_word(job, work, start + j, &at, &row, &triangle)) continue;
     if (work.beside || __any_sync(kAllLanes, triangle >= 0))
       covered |= 1u << j;
     else if (!work.areas.list)
-      store(at, row, work.background[row]);
+      store_word_at(job, at, row, work.background[row]);
   }
   if constexpr (kWords == 1) {
-    if (covered) finish_word(at, row, triangle);
+    if (covered) finish_word<kPrepared>(job, work, at, row, triangle);
     return;
   }
 #pragma unroll 1
   for (; covered; covered &= covered - 1) {
-    look(start + __ffs(covered) - 1, &at, &row, &triangle);
-    finish_word(at, row, triangle);
+    look_at_word(job, work, start + __ffs(covered) - 1, &at, &row, &triangle);
+    finish_word<kPrepared>(job, work, at, row, triangle);
+  }
+}
+
+// The areas that are listed, of prepared triangles and a picture that has its background already. Nearly all of their
+// words have a triangle, so that warps may take them in turn. (Without prepared triangles the compiler makes a loop of 300
+// bytes that spill.)
+__global__ void __launch_bounds__(kShadeThreads, 8)
+    shade_listed(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
+  __shared__ uint32_t numbers[kShadeWarps];  // of the warps' words: no register holds them while a word is finished
+  wait_for_previous();
+  uint32_t number = blockIdx.x * kShadeWarps + this_warp();
+#pragma unroll 1
+  while (number < word_count(work.areas)) {
+    Place at;
+    uint32_t row;
+    int32_t triangle;
+    look_at_word(job, work, number, &at, &row, &triangle);
+    __syncwarp();
+    if (lane_id() == 0) numbers[this_warp()] = number;
+    __syncwarp();
+    if (__any_sync(kAllLanes, triangle >= 0)) finish_word<true>(job, work, at, row, triangle);
+    number = reread(numbers[this_warp()]) + gridDim.x * kShadeWarps;
   }
 }
 
@@ -355,13 +372,13 @@ __global__ void __launch_bounds__(kShadeThreads, 4)
   ClippedTriangle* held = clipped + this_warp();
   uint32_t held_view = ~0u;
   int32_t held_triangle = -1;
-  const uint32_t words = word_count(work);
+  const uint32_t words = word_count(work.areas);
   for (uint32_t w = blockIdx.x * kShadeWarps + this_warp(); w < words; w += gridDim.x * kShadeWarps) {
-    const Place word = word_at(work, w);
-    if (word.x >= job.width || word.y >= job.height) continue;
-    const uint32_t row = word.view * job.height + word.y, i = row * job.width + word.x + lane_id();
-    const Place at = {word.view, word.x + lane_id(), word.y};
-    const int32_t triangle = at.x < job.width ? triangle_of(job, i) : -1;
+    Place at;
+    uint32_t row;
+    int32_t triangle;
+    if (!look_at_word(job, work, w, &at, &row, &triangle)) continue;
+    const uint32_t i = row * job.width + at.x;
     const bool wanted =
         triangle >= 0 && work.place[work.first_item + (int64_t)at.view * job.count + triangle] == kNoPlace;
     bool drawn = false;
@@ -392,7 +409,7 @@ __global__ void __launch_bounds__(kShadeThreads, 4)
       waiting &= ~__ballot_sync(kAllLanes, mine);
     }
     const unsigned all = __ballot_sync(kAllLanes, drawn);
-    if (work.drawn && lane_id() == 0) work.drawn[row * row_words(job) + word.x / kWarp] |= all;
+    if (work.drawn && lane_id() == 0) work.drawn[row * row_words(job) + at.x / kWarp] |= all;
   }
 }
 
@@ -422,6 +439,10 @@ __global__ void __launch_bounds__(kShadeThreads)
 
 // --- Launches
 
+__global__ void clear_marks(Zeros zeros) {
+  zeros.set((int64_t)blockIdx.x * blockDim.x + threadIdx.x, (int64_t)gridDim.x * blockDim.x);
+}
+
 // What begin_frame has no room for.
 __global__ void put_textures(const __grid_constant__ SomeTextures some, Texture* to) {
   const int i = (int)threadIdx.x;
@@ -440,10 +461,9 @@ struct Layout {
 };
 
 int64_t views_at_once(const Shading& job) {
-  const int64_t of_view = all_of(areas_of(job.width, job.height, 1, nullptr)) * kAreaWidth * kAreaHeight;
+  const int64_t of_view = areas_of(job.width, job.height, 1).all() * kAreaWidth * kAreaHeight;
   return max_of<int64_t>(1, min_of(job.views, kPixelsAtOnce / of_view));
 }
-bool has_beside(const Shading& job) { return job.albedo || job.normals || job.linear || job.samples > 1; }
 
 // Whether every triangle is set up once, whether it is seen or not: where there are many pixels for each, on average. Else
 // every pixel sets up its own, of vertices that are projected once where there are many pixels for each of them.
@@ -461,7 +481,7 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
   work.width = ShortDivisor((uint32_t)job.width);
   work.height = ShortDivisor((uint32_t)job.height);
   work.triangles = ShortDivisor((uint32_t)max_of(job.count, 1));
-  work.beside = has_beside(job);
+  work.beside = job.albedo || job.normals || job.linear || job.samples > 1;
   work.places =
       (int)min_of<int64_t>(max_of<int64_t>(kAllPlaces / max_of<int64_t>(blocks, 1), kFewestPlaces), kMostPlaces);
   work.lookups.codes = scratch->take<Codes>(1);
@@ -474,6 +494,9 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
   if (projects(job)) work.projected = scratch->take<ProjectedVertex>(job.views * job.vertices);
   work.place = scratch->take<uint8_t>(triangles);
   work.clipped = scratch->take<ClippedTriangle>(blocks * work.places);
+  // Of triangles as many as pixels, marking takes longer than it spares.
+  if (job.of_triangles && !work.beside && views_at_once(job) == job.views && (work.prepared || work.projected))
+    work.areas = take_areas(scratch, job.width, job.height, job.views);
   if (job.samples > 1 && !job.linear) out.linear = scratch->take<float>(3 * pixels);
   return out;
 }
@@ -492,9 +515,7 @@ cudaError_t in_parts(const Shading& given, const Layout& at, const Launch& launc
     Work work = at.work;
     job.views = min_of(views_at_once(given), given.views - view);
     const int64_t pixel = view * given.height * given.width;
-    work.areas = areas_of(job.width, job.height, job.views, job.areas);
-    work.area_columns = ShortDivisor((uint32_t)work.areas.columns);
-    work.area_rows = ShortDivisor((uint32_t)work.areas.rows);
+    if (!work.areas.list) work.areas = areas_of(job.width, job.height, job.views);
     work.first_item = view * given.count;
     if (work.background) work.background += view * given.height;
     if (work.projected) work.projected += view * given.vertices;
@@ -509,8 +530,6 @@ cudaError_t in_parts(const Shading& given, const Layout& at, const Launch& launc
 }
 
 }  // namespace
-
-bool shades_areas(const Shading& job) { return !has_beside(job) && views_at_once(job) >= job.views; }
 
 int64_t shading_scratch(const Shading& job) {
   Scratch scratch = {nullptr};
@@ -531,10 +550,14 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
                 for_vertices = at.work.projected ? blocks_of_items(job.views * job.vertices) : 0,
                 for_tables =
                     blocks_of_items(max_of(max_of<int64_t>(kSrgbSteps, job.surface.lights), job.views * job.height));
-  BIGTRI_CUDA(launch_first(begin_frame, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job,
-                           at.work, thresholds, some_textures(job.surface, 0), (unsigned)for_triangles,
-                           (unsigned)for_vertices));
-  if (!job.areas) return cudaSuccess;
+  const auto begin = [&](auto launch) {
+    return launch(begin_frame, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job, at.work,
+                  thresholds, some_textures(job.surface, 0), (unsigned)for_triangles, (unsigned)for_vertices);
+  };
+  if (!at.work.areas.list) return begin([](const auto&... given) { return launch_first(given...); });
+  const Zeros zeros = at.work.areas.zeros();
+  BIGTRI_CUDA(launch_first(clear_marks, grid_blocks(zeros.count, kBeginThreads), kBeginThreads, 0, stream, zeros));
+  BIGTRI_CUDA(begin([](const auto&... given) { return launch_next(given...); }));
   return in_parts(job, at, [&](const Shading& part, const Work& work) {
     const int64_t warps = (part.views * part.height * part.width * part.channels + 511) / 512;
     int blocks;
@@ -546,20 +569,26 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
 cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   const Layout at = lay_out(given, &scratch);
-  const int64_t of_view = (int64_t)given.height * given.width;
   return in_parts(given, at, [&](Shading job, const Work& work) {
     uint8_t* const image = job.image;
     if (job.samples > 1) {
       job.image = nullptr;
       if (!job.linear) job.linear = at.linear;
     }
-    const bool large = of_view >= kPixelsOfLarge;
-    const auto kernel = work.prepared ? large ? shade<true, kWordsOfLarge> : shade<true, 1> : shade<false, 1>;
-    const int64_t words = all_of(work.areas) * kWordsOfArea,
-                  warps = words / (work.prepared && large ? kWordsOfLarge : 1);
-    const int threads = job.areas ? kListedThreads : kShadeThreads;
-    BIGTRI_CUDA(launch_next(kernel, (warps * kWarp + threads - 1) / threads, threads, 0, stream, job, work));
+    const int64_t words = work.areas.all() * kWordsOfArea;
     int blocks;
+    if (work.areas.list && work.prepared) {
+      BIGTRI_CUDA(blocks_of(shade_listed, words, &blocks));
+      BIGTRI_CUDA(launch_next(shade_listed, blocks, kShadeThreads, 0, stream, job, work));
+    } else {
+      const bool large = work.prepared && (int64_t)job.height * job.width >= kPixelsOfLarge;
+      const auto kernel = large           ? shade_all<true, kWordsOfLarge>
+                          : work.prepared ? shade_all<true, 1>
+                                          : shade_all<false, 1>;
+      const int threads = work.areas.list ? kListedThreads : kShadeThreads,
+                of_block = threads / kWarp * (large ? kWordsOfLarge : 1);
+      BIGTRI_CUDA(launch_next(kernel, (words + of_block - 1) / of_block, threads, 0, stream, job, work));
+    }
     BIGTRI_CUDA(blocks_of(shade_left, words, &blocks));
     BIGTRI_CUDA(launch_next(shade_left, blocks, kShadeThreads, 0, stream, job, work));
     if (job.samples == 1) return cudaSuccess;

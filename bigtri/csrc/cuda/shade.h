@@ -19,6 +19,7 @@ struct Shading {
   int64_t vertices;  // V
   int32_t count;  // T
   int height, width;  // of the visibility buffer, px; multiples of samples
+  bool of_triangles;  // packed is what drawing these triangles gives
   int samples;  // of a pixel of the picture along each axis
   int channels;  // of the picture: 3, or 4 with alpha
 };

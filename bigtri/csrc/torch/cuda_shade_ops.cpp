@@ -116,6 +116,7 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
   const Tensor drawing = scratch_of(variant.scratch_bytes(frame, values.data()), device);
   shading.job.packed = frame.packed;
+  shading.job.of_triangles = true;
   const Tensor scratch = scratch_of(rung.shading_scratch(shading.job), device);
   const SideStream side(op, device, stream);
   check_launch(op, rung.begin_shading(shading.job, scratch.mutable_data_ptr(), side.stream()));
