@@ -34,7 +34,7 @@ struct Areas {
   __host__ __device__ int64_t all() const { return views * rows.by * columns.by; }
   __host__ __device__ int64_t all_rows() const { return views * rows.by; }
   // What is zero before areas are marked.
-  Zeros zeros() const { return {count, kMarkPitch + all_rows() * pitch}; }
+  __host__ __device__ Zeros zeros() const { return {count, kMarkPitch + all_rows() * pitch}; }
 };
 
 Areas areas_of(int width, int height, int64_t views) {

@@ -12,9 +12,9 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // begin_frame makes tables, clips what has to be clipped, each triangle once, and where a triangle has many pixels on
-// average, it sets up all of them. Where the buffer is of these triangles, it marks the areas that they may touch, and
-// fill_background lists these and makes a picture of nothing but background. All this may run beside the frame's own
-// kernels. Behind both shade_listed finishes the areas listed, or shade_all all areas, a pixel a lane. Pixels of a clipped
+// average, it sets up all of them. Where the buffer is of these triangles, fill_background comes before it, which makes a
+// picture of nothing but background; it marks the areas that they may touch; and list_marked lists these. All this may run
+// beside the frame's own kernels. Behind both shade_listed finishes the areas listed, or shade_all all areas, a pixel a lane. Pixels of a clipped
 // triangle for which there was no memory are left to shade_left, which ends at once where there are none. Where several
 // samples make a pixel all of them work on samples, and add_samples adds those up.
 
@@ -71,6 +71,15 @@ __host__ __device__ __forceinline__ int row_words(const Shading& job) { return (
 
 // --- Before the pixels
 
+// The colour of row y of the background, the first channel in the lowest byte.
+__device__ __forceinline__ uint32_t background_color(const Shading& job, const float* thresholds, int y) {
+  Finished pixel;
+  finish_background(job, y, &pixel);
+  uint32_t color = 0;
+  for (int c = 0; c < 3; ++c) color |= (uint32_t)encode_srgb(pixel.linear[c], thresholds) << (8 * c);
+  return color;
+}
+
 // Makes what the pixels look up: thread i an item of each table.
 __device__ __forceinline__ void make_tables(const Shading& job, const Work& work, const Thresholds& given,
                                             const SomeTextures& textures, int64_t i) {
@@ -83,13 +92,61 @@ __device__ __forceinline__ void make_tables(const Shading& job, const Work& work
   if (i < kSrgbSteps) work.lookups.codes->encode.byte[i] = srgb_step(thresholds, kSrgbFirstStep + (uint32_t)i);
   if (i < job.surface.lights)
     work.lookups.lights[i].light = light_at(LightArrays{job.surface.light_directions, job.surface.light_colors}, i);
-  if (work.background && i < job.views * job.height) {
-    Finished pixel;
-    finish_background(job, (int)(i % job.height), &pixel);
-    uint32_t color = 0;
-    for (int c = 0; c < 3; ++c) color |= (uint32_t)encode_srgb(pixel.linear[c], (const float*)thresholds) << (8 * c);
-    work.background[i] = color;
+  if (work.background && i < job.views * job.height)
+    work.background[i] = background_color(job, thresholds, (int)(i % job.height));
+}
+
+// A picture of background, and zeros where areas are to be marked. A block fills a part of the picture, whose rows' colours
+// it makes first.
+constexpr int kFillBytes = 1 << 15, kFillRows = kBeginThreads;
+__global__ void __launch_bounds__(kBeginThreads)
+    fill_background(const __grid_constant__ Shading job, const __grid_constant__ Work work,
+                    const __grid_constant__ Thresholds given) {
+  __shared__ float thresholds[255];
+  __shared__ uint32_t colors[kFillRows];
+  constexpr uint32_t kBytes = sizeof(uint4);
+  let_next_begin();
+  const int64_t threads = (int64_t)gridDim.x * kBeginThreads,
+                thread = (int64_t)blockIdx.x * kBeginThreads + threadIdx.x;
+  work.areas.zeros().set(thread, threads);
+  for (int k = threadIdx.x; k < 255; k += kBeginThreads) thresholds[k] = given.value[k];
+  __syncthreads();
+  const uint32_t channels = (uint32_t)job.channels, height = work.height.by,
+                 all = (uint32_t)job.views * height * work.width.by * channels;
+  const uint32_t begin = blockIdx.x * kFillBytes, end = min_of(begin + kFillBytes, all);
+  const uint32_t first_row = work.width.quotient(begin / channels);
+  const auto make = [&](uint32_t row) { return background_color(job, thresholds, (int)(row % height)); };
+  colors[threadIdx.x] = make(first_row + threadIdx.x);
+  __syncthreads();
+  const auto color_of = [&](uint32_t row) { return row - first_row < kFillRows ? colors[row - first_row] : make(row); };
+  const auto byte_of = [&](uint32_t at) {
+    const uint32_t pixel = at / channels;
+    return color_of(work.width.quotient(pixel)) >> (8 * (at - pixel * channels)) & 0xff;
+  };
+  const bool vectors = ((uintptr_t)job.image & (kBytes - 1)) == 0;
+  const uint32_t middle = vectors ? end & ~(kBytes - 1) : begin;
+  for (uint32_t at = begin + threadIdx.x * kBytes; at < middle; at += kBeginThreads * kBytes) {
+    const uint32_t pixel = at / channels, row = work.width.quotient(pixel);
+    uint32_t word[4];
+    if (work.width.quotient((at + kBytes - 1) / channels) == row) {  // most lie in one row
+      // The channels over and over, from the one on that the first byte is.
+      const uint32_t color = color_of(row), first = at - pixel * channels;
+      const uint64_t thrice = channels == 4 ? color : color | (uint64_t)color << 24 | (uint64_t)color << 48;
+      for (uint32_t k = 0; k < 4; ++k) word[k] = (uint32_t)(thrice >> (channels == 4 ? 0 : 8 * ((first + k) % 3)));
+    } else {
+      for (uint32_t k = 0; k < 4; ++k) {
+        word[k] = 0;
+        for (uint32_t j = 0; j < 4; ++j) word[k] |= byte_of(at + 4 * k + j) << (8 * j);
+      }
+    }
+    *reinterpret_cast<uint4*>(job.image + at) = make_uint4(word[0], word[1], word[2], word[3]);
   }
+  for (uint32_t at = middle + threadIdx.x; at < end; at += kBeginThreads) job.image[at] = (uint8_t)byte_of(at);
+}
+
+__global__ void __launch_bounds__(kShadeThreads) list_marked(const __grid_constant__ Areas areas) {
+  wait_for_previous();
+  list_areas(areas, (int64_t)blockIdx.x * kShadeWarps + this_warp(), (int64_t)gridDim.x * kShadeWarps);
 }
 
 // Looks at every triangle of every view, a thread each. The block's warps clip those that have to be clipped.
@@ -229,43 +286,6 @@ __device__ __forceinline__ void store_word(const Shading& job, uint32_t first, i
     }
   } else if (lane < pixels) {
     store_pixel(job, first + lane, color);
-  }
-}
-
-// A picture of background, and the list of areas. A thread takes 16 bytes in turn, most of which lie in one row.
-__global__ void __launch_bounds__(kShadeThreads)
-    fill_background(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
-  constexpr uint32_t kBytes = sizeof(uint4);
-  wait_for_previous();
-  list_areas(work.areas, blockIdx.x * kShadeWarps + this_warp(), gridDim.x * kShadeWarps);
-  const uint32_t channels = (uint32_t)job.channels, rows = (uint32_t)job.views * work.height.by,
-                 bytes = rows * work.width.by * channels;
-  const auto color_of = [&](uint32_t pixel) { return __ldg(work.background + work.width.quotient(pixel)); };
-  const uint32_t whole = ((uintptr_t)job.image & (kBytes - 1)) == 0 ? bytes / kBytes : 0;
-  const uint32_t thread = blockIdx.x * kShadeThreads + threadIdx.x, threads = gridDim.x * kShadeThreads;
-  for (uint32_t i = thread; i < whole; i += threads) {
-    const uint32_t pixel = i * kBytes / channels, last = (i * kBytes + kBytes - 1) / channels;
-    const uint32_t row = work.width.quotient(pixel);
-    uint32_t word[4];
-    if (work.width.quotient(last) == row) {
-      // The channels, over and over, from the one on that the first byte is.
-      const uint32_t color = __ldg(work.background + row), shift = 8 * (i * kBytes - pixel * channels);
-      const uint64_t twice = channels == 4 ? color : color | (uint64_t)color << 24 | (uint64_t)color << 48;
-      for (int k = 0; k < 4; ++k) word[k] = (uint32_t)(twice >> (channels == 4 ? 0 : (shift + 8 * k) % 24));
-    } else {
-      for (uint32_t k = 0; k < 4; ++k) {
-        word[k] = 0;
-        for (uint32_t j = 0; j < 4; ++j) {
-          const uint32_t at = i * kBytes + 4 * k + j, its = at / channels;
-          word[k] |= (color_of(its) >> (8 * (at - its * channels)) & 0xff) << (8 * j);
-        }
-      }
-    }
-    reinterpret_cast<uint4*>(job.image)[i] = make_uint4(word[0], word[1], word[2], word[3]);
-  }
-  for (uint32_t at = whole * kBytes + thread; at < bytes; at += threads) {
-    const uint32_t pixel = at / channels;
-    job.image[at] = (uint8_t)(color_of(pixel) >> (8 * (at - pixel * channels)));
   }
 }
 
@@ -439,10 +459,6 @@ __global__ void __launch_bounds__(kShadeThreads)
 
 // --- Launches
 
-__global__ void clear_marks(Zeros zeros) {
-  zeros.set((int64_t)blockIdx.x * blockDim.x + threadIdx.x, (int64_t)gridDim.x * blockDim.x);
-}
-
 // What begin_frame has no room for.
 __global__ void put_textures(const __grid_constant__ SomeTextures some, Texture* to) {
   const int i = (int)threadIdx.x;
@@ -555,15 +571,13 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
                   thresholds, some_textures(job.surface, 0), (unsigned)for_triangles, (unsigned)for_vertices);
   };
   if (!at.work.areas.list) return begin([](const auto&... given) { return launch_first(given...); });
-  const Zeros zeros = at.work.areas.zeros();
-  BIGTRI_CUDA(launch_first(clear_marks, grid_blocks(zeros.count, kBeginThreads), kBeginThreads, 0, stream, zeros));
+  const int64_t bytes = job.views * job.height * job.width * job.channels;
+  BIGTRI_CUDA(launch_first(fill_background, (bytes + kFillBytes - 1) / kFillBytes, kBeginThreads, 0, stream, job,
+                           at.work, thresholds));
   BIGTRI_CUDA(begin([](const auto&... given) { return launch_next(given...); }));
-  return in_parts(job, at, [&](const Shading& part, const Work& work) {
-    const int64_t warps = (part.views * part.height * part.width * part.channels + 511) / 512;
-    int blocks;
-    BIGTRI_CUDA(blocks_of(fill_background, warps, &blocks));
-    return launch_next(fill_background, blocks, kShadeThreads, 0, stream, part, work);
-  });
+  int blocks;
+  BIGTRI_CUDA(blocks_of(list_marked, at.work.areas.all_rows() * at.work.areas.words, &blocks));
+  return launch_next(list_marked, blocks, kShadeThreads, 0, stream, at.work.areas);
 }
 
 cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
