@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "../core/numerics.h"
+#include "areas.h"
 #include "attributes.h"
 #include "shade.h"
 #include "shading.h"
@@ -27,6 +28,7 @@ extern const CudaVariant* const kCudaVariants[];
 namespace BIGTRI_RUNG {
 cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream);
 int64_t shading_scratch(const Shading& job);
+bool shades_areas(const Shading& job);
 cudaError_t begin_shading_cuda(const Shading& job, void* scratch, cudaStream_t stream);
 cudaError_t shade_cuda(const Shading& job, void* scratch, cudaStream_t stream);
 }  // namespace BIGTRI_RUNG
@@ -523,12 +525,14 @@ int shade_on_cpu(const PictureOnCpu* p) {
   job.width = (int)p->width;
   job.samples = (int)p->samples;
   job.channels = (int)p->channels;
-  job.of_triangles = !p->packed;
   kernel = 0;
   const Memory scratch((size_t)BIGTRI_RUNG::shading_scratch(job), 0x7f);
-  int error = BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
   const Memory buffer((size_t)(p->packed || p->drawn ? 0 : 8 * samples), 0x7f);
-  if (!p->packed) {
+  const Memory areas((size_t)areas_bytes(job.width, job.height, job.views), 0x7f);
+  int error = 0;
+  if (p->packed) {
+    error |= BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
+  } else {
     Frame f = {};
     f.positions = job.positions;
     f.triangles = job.triangles;
@@ -544,7 +548,10 @@ int shade_on_cpu(const PictureOnCpu* p) {
     std::vector<int64_t> values;
     for (const Parameter* parameter = variant.parameters; parameter->name; ++parameter)
       values.push_back(parameter->standard);
+    if (!p->drawn && !p->depth && variant.lists_areas(f, values.data()) && BIGTRI_RUNG::shades_areas(job))
+      f.areas = job.areas = areas.of<char>();
     const Memory work(variant.scratch_bytes(f, values.data()), 0x7f);
+    error |= BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
     error |= variant.draw(f, values.data(), work.of<char>(), nullptr);
     job.packed = f.packed;
   }

@@ -4,7 +4,9 @@
 
 #include <cuda_runtime.h>
 
-#include "areas.cuh"
+#include "areas.h"
+#include "launch.cuh"
+#include "short_divisor.cuh"
 #include "weights.cuh"
 
 namespace bigtri {
@@ -12,20 +14,18 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 // begin_frame makes tables, clips what has to be clipped, each triangle once, and where a triangle has many pixels on
-// average, it sets up all of them. Where the buffer is of these triangles, fill_background comes before it, which makes a
-// picture of nothing but background; it marks the areas that they may touch; and list_marked lists these. All this may run
-// beside the frame's own kernels. Behind both shade_listed finishes the areas listed, or shade_all all areas, a pixel a lane. Pixels of a clipped
-// triangle for which there was no memory are left to shade_left, which ends at once where there are none. Where several
-// samples make a pixel all of them work on samples, and add_samples adds those up.
+// average, it sets up all of them; where areas are listed (areas.h), fill_background makes a picture of nothing but
+// background. Both may run beside the frame's own kernels. Behind all these shade_listed finishes the areas that are
+// listed, or shade_all all areas, a pixel a lane. Pixels of a clipped triangle for which there was no memory are left to
+// shade_left, which ends at once where there are none. Where several samples make a pixel all of them work on samples, and
+// add_samples adds those up.
 
 constexpr int kShadeWarps = 4;  // of a block, in all kernels but begin_frame
 constexpr int kShadeThreads = kShadeWarps * kWarp;
-// Of shade_all where areas are listed. Their number only the device knows, so there are blocks for all areas, of which many
-// have nothing to do: the fewer, the better.
-constexpr int kListedThreads = 512;
 constexpr int kBeginWarps = 8;
 constexpr int kBeginThreads = kBeginWarps * kWarp;
-// Of a large picture a warp takes several words together.
+// A word is 32 pixels of a row; an area has so many. Of a large picture a warp takes several words together.
+constexpr int kWordsOfArea = kAreaWidth * kAreaHeight / kWarp;
 constexpr int kWordsOfLarge = 4;
 constexpr int64_t kPixelsOfLarge = 4 << 20;
 constexpr int kPixelsAtOnce = 1 << 29;  // of whole areas that a launch is for, unless one view has more
@@ -52,6 +52,7 @@ struct Thresholds {
 struct Work {
   ShortDivisor width, height, triangles;  // of the buffer, in px; T
   Areas areas;                            // of the launch's views
+  ShortDivisor area_columns, area_rows;   // of a view
   int64_t first_item;                     // views before those of the launch, times T
   bool beside;                            // whether something is wanted beside the picture
   Lookups lookups;
@@ -66,19 +67,36 @@ struct Work {
   int places;
 };
 
+// Where a pixel lies, or the first one of a word.
+struct Place {
+  uint32_t view;
+  int x, y;
+};
+
+// Words of the areas that the pass reads. Some lie beyond the image.
+__device__ __forceinline__ uint32_t word_count(const Work& work) {
+  return (work.areas.count ? *work.areas.count : (uint32_t)all_areas(work.areas)) * kWordsOfArea;
+}
+__device__ __forceinline__ Place word_at(const Work& work, uint32_t i) {
+  const uint32_t number = i / kWordsOfArea;
+  uint32_t view, row, column;
+  if (work.areas.list) {
+    const Area area = work.areas.list[number];
+    view = (uint32_t)area.view, row = area.row, column = area.column;
+  } else {
+    const uint32_t row_of_all = work.area_columns.quotient(number);
+    view = work.area_rows.quotient(row_of_all);
+    row = row_of_all - view * work.area_rows.by;
+    column = number - row_of_all * work.area_columns.by;
+  }
+  return {view, (int)(column * kAreaWidth + i % 2 * kWarp), (int)(row * kAreaHeight + i / 2 % kAreaHeight)};
+}
+static_assert(kAreaWidth == 2 * kWarp, "an area's row is two words");
+
 // Words of a row of the buffer.
 __host__ __device__ __forceinline__ int row_words(const Shading& job) { return (job.width + kWarp - 1) / kWarp; }
 
 // --- Before the pixels
-
-// The colour of row y of the background, the first channel in the lowest byte.
-__device__ __forceinline__ uint32_t background_color(const Shading& job, const float* thresholds, int y) {
-  Finished pixel;
-  finish_background(job, y, &pixel);
-  uint32_t color = 0;
-  for (int c = 0; c < 3; ++c) color |= (uint32_t)encode_srgb(pixel.linear[c], thresholds) << (8 * c);
-  return color;
-}
 
 // Makes what the pixels look up: thread i an item of each table.
 __device__ __forceinline__ void make_tables(const Shading& job, const Work& work, const Thresholds& given,
@@ -92,61 +110,13 @@ __device__ __forceinline__ void make_tables(const Shading& job, const Work& work
   if (i < kSrgbSteps) work.lookups.codes->encode.byte[i] = srgb_step(thresholds, kSrgbFirstStep + (uint32_t)i);
   if (i < job.surface.lights)
     work.lookups.lights[i].light = light_at(LightArrays{job.surface.light_directions, job.surface.light_colors}, i);
-  if (work.background && i < job.views * job.height)
-    work.background[i] = background_color(job, thresholds, (int)(i % job.height));
-}
-
-// A picture of background, and zeros where areas are to be marked. A block fills a part of the picture, whose rows' colours
-// it makes first.
-constexpr int kFillBytes = 1 << 15, kFillRows = kBeginThreads;
-__global__ void __launch_bounds__(kBeginThreads)
-    fill_background(const __grid_constant__ Shading job, const __grid_constant__ Work work,
-                    const __grid_constant__ Thresholds given) {
-  __shared__ float thresholds[255];
-  __shared__ uint32_t colors[kFillRows];
-  constexpr uint32_t kBytes = sizeof(uint4);
-  let_next_begin();
-  const int64_t threads = (int64_t)gridDim.x * kBeginThreads,
-                thread = (int64_t)blockIdx.x * kBeginThreads + threadIdx.x;
-  work.areas.zeros().set(thread, threads);
-  for (int k = threadIdx.x; k < 255; k += kBeginThreads) thresholds[k] = given.value[k];
-  __syncthreads();
-  const uint32_t channels = (uint32_t)job.channels, height = work.height.by,
-                 all = (uint32_t)job.views * height * work.width.by * channels;
-  const uint32_t begin = blockIdx.x * kFillBytes, end = min_of(begin + kFillBytes, all);
-  const uint32_t first_row = work.width.quotient(begin / channels);
-  const auto make = [&](uint32_t row) { return background_color(job, thresholds, (int)(row % height)); };
-  colors[threadIdx.x] = make(first_row + threadIdx.x);
-  __syncthreads();
-  const auto color_of = [&](uint32_t row) { return row - first_row < kFillRows ? colors[row - first_row] : make(row); };
-  const auto byte_of = [&](uint32_t at) {
-    const uint32_t pixel = at / channels;
-    return color_of(work.width.quotient(pixel)) >> (8 * (at - pixel * channels)) & 0xff;
-  };
-  const bool vectors = ((uintptr_t)job.image & (kBytes - 1)) == 0;
-  const uint32_t middle = vectors ? end & ~(kBytes - 1) : begin;
-  for (uint32_t at = begin + threadIdx.x * kBytes; at < middle; at += kBeginThreads * kBytes) {
-    const uint32_t pixel = at / channels, row = work.width.quotient(pixel);
-    uint32_t word[4];
-    if (work.width.quotient((at + kBytes - 1) / channels) == row) {  // most lie in one row
-      // The channels over and over, from the one on that the first byte is.
-      const uint32_t color = color_of(row), first = at - pixel * channels;
-      const uint64_t thrice = channels == 4 ? color : color | (uint64_t)color << 24 | (uint64_t)color << 48;
-      for (uint32_t k = 0; k < 4; ++k) word[k] = (uint32_t)(thrice >> (channels == 4 ? 0 : 8 * ((first + k) % 3)));
-    } else {
-      for (uint32_t k = 0; k < 4; ++k) {
-        word[k] = 0;
-        for (uint32_t j = 0; j < 4; ++j) word[k] |= byte_of(at + 4 * k + j) << (8 * j);
-      }
-    }
-    *reinterpret_cast<uint4*>(job.image + at) = make_uint4(word[0], word[1], word[2], word[3]);
+  if (work.background && i < job.views * job.height) {
+    Finished pixel;
+    finish_background(job, (int)(i % job.height), &pixel);
+    uint32_t color = 0;
+    for (int c = 0; c < 3; ++c) color |= (uint32_t)encode_srgb(pixel.linear[c], (const float*)thresholds) << (8 * c);
+    work.background[i] = color;
   }
-  for (uint32_t at = middle + threadIdx.x; at < end; at += kBeginThreads) job.image[at] = (uint8_t)byte_of(at);
-}
-
-__global__ void __launch_bounds__(kShadeThreads) list_marked(const __grid_constant__ Areas areas) {
-  wait_for_previous();
-  list_areas(areas, (int64_t)blockIdx.x * kShadeWarps + this_warp(), (int64_t)gridDim.x * kShadeWarps);
 }
 
 // Looks at every triangle of every view, a thread each. The block's warps clip those that have to be clipped.
@@ -158,23 +128,15 @@ __device__ __forceinline__ void look_at_triangles(const Shading& job, const Work
   __syncthreads();
   const int64_t first = (int64_t)blockIdx.x * kBeginThreads, item = first + threadIdx.x, all = job.views * job.count;
   const auto view_of = [&](int64_t i) { return work.triangles.quotient_of_any(i); };
-  MarkBox box = {};
   if (item < all) {
     const int64_t view = view_of(item);
     const int32_t triangle = (int32_t)(item - view * job.count);
-    const Viewport image = frame_of(job, view).view;
     bool clipped;
     if (work.prepared) {
       PreparedTriangle made;
       prepare(job, view, triangle, &made);
       work.prepared[item] = made;
       clipped = made.whole.fate == Fate::kClip;
-      if (work.areas.list) box = mark_box(work.areas, view, image, made.whole.fate, made.whole.x, made.whole.y);
-    } else if (work.areas.list) {
-      int32_t x[3], y[3];
-      const Fate fate = project_triangle(job, view, triangle, x, y);
-      clipped = fate == Fate::kClip;
-      box = mark_box(work.areas, view, image, fate, x, y);
     } else {
       clipped = is_clipped(job, view, triangle);
     }
@@ -187,10 +149,6 @@ __device__ __forceinline__ void look_at_triangles(const Shading& job, const Work
         place = kNoPlace;
     }
     work.place[item] = (uint8_t)place;
-  }
-  if (work.areas.list) {
-    wait_for_previous();
-    mark(work.areas, box);
   }
   __syncthreads();
   for (int k = this_warp(); k < min_of(count, work.places); k += kBeginWarps) {
@@ -289,11 +247,47 @@ __device__ __forceinline__ void store_word(const Shading& job, uint32_t first, i
   }
 }
 
+// A picture of background. A thread takes 16 bytes in turn, most of which lie in one row.
+__global__ void __launch_bounds__(kShadeThreads)
+    fill_background(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
+  constexpr uint32_t kBytes = sizeof(uint4);
+  wait_for_previous();
+  const uint32_t channels = (uint32_t)job.channels, rows = (uint32_t)job.views * work.height.by,
+                 bytes = rows * work.width.by * channels;
+  const auto color_of = [&](uint32_t pixel) { return __ldg(work.background + work.width.quotient(pixel)); };
+  const uint32_t whole = ((uintptr_t)job.image & (kBytes - 1)) == 0 ? bytes / kBytes : 0;
+  const uint32_t thread = blockIdx.x * kShadeThreads + threadIdx.x, threads = gridDim.x * kShadeThreads;
+  for (uint32_t i = thread; i < whole; i += threads) {
+    const uint32_t pixel = i * kBytes / channels, last = (i * kBytes + kBytes - 1) / channels;
+    const uint32_t row = work.width.quotient(pixel);
+    uint32_t word[4];
+    if (work.width.quotient(last) == row) {
+      // The channels, over and over, from the one on that the first byte is.
+      const uint32_t color = __ldg(work.background + row), shift = 8 * (i * kBytes - pixel * channels);
+      const uint64_t twice = channels == 4 ? color : color | (uint64_t)color << 24 | (uint64_t)color << 48;
+      for (int k = 0; k < 4; ++k) word[k] = (uint32_t)(twice >> (channels == 4 ? 0 : (shift + 8 * k) % 24));
+    } else {
+      for (uint32_t k = 0; k < 4; ++k) {
+        word[k] = 0;
+        for (uint32_t j = 0; j < 4; ++j) {
+          const uint32_t at = i * kBytes + 4 * k + j, its = at / channels;
+          word[k] |= (color_of(its) >> (8 * (at - its * channels)) & 0xff) << (8 * j);
+        }
+      }
+    }
+    reinterpret_cast<uint4*>(job.image)[i] = make_uint4(word[0], word[1], word[2], word[3]);
+  }
+  for (uint32_t at = whole * kBytes + thread; at < bytes; at += threads) {
+    const uint32_t pixel = at / channels;
+    job.image[at] = (uint8_t)(color_of(pixel) >> (8 * (at - pixel * channels)));
+  }
+}
+
 // Word number i of the areas, with all lanes: where the lane's pixel lies, its row among those of all views, and its
 // triangle, or -1. False where none of the word lies in the image.
 __device__ __forceinline__ bool look_at_word(const Shading& job, const Work& work, uint32_t i, Place* at, uint32_t* row,
                                              int32_t* triangle) {
-  const Place word = word_at(work.areas, i);
+  const Place word = word_at(work, i);
   *at = {word.view, word.x + lane_id(), word.y};
   *row = word.view * job.height + word.y;
   const bool within = word.x < job.width && word.y < job.height;
@@ -328,15 +322,15 @@ __device__ __forceinline__ void finish_word(const Shading& job, const Work& work
   if (job.image) store_word_at(job, at, row, color);
 }
 
-// All areas, or those that are listed. A warp takes kWords words, which it looks at together, and then goes through those that have a triangle;
+// All areas. A warp takes kWords words, which it looks at together, and then goes through those that have a triangle;
 // others take no longer than it takes to load them. The device shares out the warps: a word that a model covers takes ten
 // times as long.
 template <bool kPrepared, int kWords>
-__global__ void __launch_bounds__(kListedThreads, 1024 / kListedThreads)
+__global__ void __launch_bounds__(kShadeThreads, 8)
     shade_all(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   wait_for_previous();
-  const uint32_t start = (blockIdx.x * (blockDim.x / kWarp) + this_warp()) * kWords;
-  if (start >= word_count(work.areas)) return;
+  const uint32_t start = (blockIdx.x * kShadeWarps + this_warp()) * kWords;
+  if (start >= word_count(work)) return;
   Place at;
   uint32_t row;
   int32_t triangle;
@@ -346,7 +340,7 @@ __global__ void __launch_bounds__(kListedThreads, 1024 / kListedThreads)
     if (!look_at_word(job, work, start + j, &at, &row, &triangle)) continue;
     if (work.beside || __any_sync(kAllLanes, triangle >= 0))
       covered |= 1u << j;
-    else if (!work.areas.list)
+    else
       store_word_at(job, at, row, work.background[row]);
   }
   if constexpr (kWords == 1) {
@@ -361,15 +355,14 @@ __global__ void __launch_bounds__(kListedThreads, 1024 / kListedThreads)
 }
 
 // The areas that are listed, of prepared triangles and a picture that has its background already. Nearly all of their
-// words have a triangle, so that warps may take them in turn. (Without prepared triangles the compiler makes a loop of 300
-// bytes that spill.)
+// words have a triangle, so that warps may take them in turn.
 __global__ void __launch_bounds__(kShadeThreads, 8)
     shade_listed(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   __shared__ uint32_t numbers[kShadeWarps];  // of the warps' words: no register holds them while a word is finished
   wait_for_previous();
   uint32_t number = blockIdx.x * kShadeWarps + this_warp();
 #pragma unroll 1
-  while (number < word_count(work.areas)) {
+  while (number < word_count(work)) {
     Place at;
     uint32_t row;
     int32_t triangle;
@@ -392,7 +385,7 @@ __global__ void __launch_bounds__(kShadeThreads, 4)
   ClippedTriangle* held = clipped + this_warp();
   uint32_t held_view = ~0u;
   int32_t held_triangle = -1;
-  const uint32_t words = word_count(work.areas);
+  const uint32_t words = word_count(work);
   for (uint32_t w = blockIdx.x * kShadeWarps + this_warp(); w < words; w += gridDim.x * kShadeWarps) {
     Place at;
     uint32_t row;
@@ -477,9 +470,11 @@ struct Layout {
 };
 
 int64_t views_at_once(const Shading& job) {
-  const int64_t of_view = areas_of(job.width, job.height, 1).all() * kAreaWidth * kAreaHeight;
+  const int64_t of_view = all_areas(areas_of(job.width, job.height, 1, nullptr)) * kAreaWidth * kAreaHeight;
   return max_of<int64_t>(1, min_of(job.views, kPixelsAtOnce / of_view));
 }
+
+bool has_beside(const Shading& job) { return job.albedo || job.normals || job.linear || job.samples > 1; }
 
 // Whether every triangle is set up once, whether it is seen or not: where there are many pixels for each, on average. Else
 // every pixel sets up its own, of vertices that are projected once where there are many pixels for each of them.
@@ -497,7 +492,7 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
   work.width = ShortDivisor((uint32_t)job.width);
   work.height = ShortDivisor((uint32_t)job.height);
   work.triangles = ShortDivisor((uint32_t)max_of(job.count, 1));
-  work.beside = job.albedo || job.normals || job.linear || job.samples > 1;
+  work.beside = has_beside(job);
   work.places =
       (int)min_of<int64_t>(max_of<int64_t>(kAllPlaces / max_of<int64_t>(blocks, 1), kFewestPlaces), kMostPlaces);
   work.lookups.codes = scratch->take<Codes>(1);
@@ -510,9 +505,6 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
   if (projects(job)) work.projected = scratch->take<ProjectedVertex>(job.views * job.vertices);
   work.place = scratch->take<uint8_t>(triangles);
   work.clipped = scratch->take<ClippedTriangle>(blocks * work.places);
-  // Of triangles as many as pixels, marking takes longer than it spares.
-  if (job.of_triangles && !work.beside && views_at_once(job) == job.views && (work.prepared || work.projected))
-    work.areas = take_areas(scratch, job.width, job.height, job.views);
   if (job.samples > 1 && !job.linear) out.linear = scratch->take<float>(3 * pixels);
   return out;
 }
@@ -531,7 +523,9 @@ cudaError_t in_parts(const Shading& given, const Layout& at, const Launch& launc
     Work work = at.work;
     job.views = min_of(views_at_once(given), given.views - view);
     const int64_t pixel = view * given.height * given.width;
-    if (!work.areas.list) work.areas = areas_of(job.width, job.height, job.views);
+    work.areas = areas_of(job.width, job.height, job.views, job.areas);
+    work.area_columns = ShortDivisor((uint32_t)work.areas.columns);
+    work.area_rows = ShortDivisor((uint32_t)work.areas.rows);
     work.first_item = view * given.count;
     if (work.background) work.background += view * given.height;
     if (work.projected) work.projected += view * given.vertices;
@@ -546,6 +540,9 @@ cudaError_t in_parts(const Shading& given, const Layout& at, const Launch& launc
 }
 
 }  // namespace
+
+// Where triangles have fewer pixels, marking areas takes longer than it spares.
+bool shades_areas(const Shading& job) { return prepares(job) && !has_beside(job) && views_at_once(job) >= job.views; }
 
 int64_t shading_scratch(const Shading& job) {
   Scratch scratch = {nullptr};
@@ -566,18 +563,16 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
                 for_vertices = at.work.projected ? blocks_of_items(job.views * job.vertices) : 0,
                 for_tables =
                     blocks_of_items(max_of(max_of<int64_t>(kSrgbSteps, job.surface.lights), job.views * job.height));
-  const auto begin = [&](auto launch) {
-    return launch(begin_frame, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job, at.work,
-                  thresholds, some_textures(job.surface, 0), (unsigned)for_triangles, (unsigned)for_vertices);
-  };
-  if (!at.work.areas.list) return begin([](const auto&... given) { return launch_first(given...); });
-  const int64_t bytes = job.views * job.height * job.width * job.channels;
-  BIGTRI_CUDA(launch_first(fill_background, (bytes + kFillBytes - 1) / kFillBytes, kBeginThreads, 0, stream, job,
-                           at.work, thresholds));
-  BIGTRI_CUDA(begin([](const auto&... given) { return launch_next(given...); }));
-  int blocks;
-  BIGTRI_CUDA(blocks_of(list_marked, at.work.areas.all_rows() * at.work.areas.words, &blocks));
-  return launch_next(list_marked, blocks, kShadeThreads, 0, stream, at.work.areas);
+  BIGTRI_CUDA(launch_first(begin_frame, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job,
+                           at.work, thresholds, some_textures(job.surface, 0), (unsigned)for_triangles,
+                           (unsigned)for_vertices));
+  if (!job.areas) return cudaSuccess;
+  return in_parts(job, at, [&](const Shading& part, const Work& work) {
+    const int64_t warps = (part.views * part.height * part.width * part.channels + 511) / 512;
+    int blocks;
+    BIGTRI_CUDA(blocks_of(fill_background, warps, &blocks));
+    return launch_next(fill_background, blocks, kShadeThreads, 0, stream, part, work);
+  });
 }
 
 cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
@@ -589,9 +584,9 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
       job.image = nullptr;
       if (!job.linear) job.linear = at.linear;
     }
-    const int64_t words = work.areas.all() * kWordsOfArea;
+    const int64_t words = all_areas(work.areas) * kWordsOfArea;
     int blocks;
-    if (work.areas.list && work.prepared) {
+    if (job.areas) {
       BIGTRI_CUDA(blocks_of(shade_listed, words, &blocks));
       BIGTRI_CUDA(launch_next(shade_listed, blocks, kShadeThreads, 0, stream, job, work));
     } else {
@@ -599,9 +594,8 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
       const auto kernel = large           ? shade_all<true, kWordsOfLarge>
                           : work.prepared ? shade_all<true, 1>
                                           : shade_all<false, 1>;
-      const int threads = work.areas.list ? kListedThreads : kShadeThreads,
-                of_block = threads / kWarp * (large ? kWordsOfLarge : 1);
-      BIGTRI_CUDA(launch_next(kernel, (words + of_block - 1) / of_block, threads, 0, stream, job, work));
+      const int of_block = kShadeWarps * (large ? kWordsOfLarge : 1);
+      BIGTRI_CUDA(launch_next(kernel, (words + of_block - 1) / of_block, kShadeThreads, 0, stream, job, work));
     }
     BIGTRI_CUDA(blocks_of(shade_left, words, &blocks));
     BIGTRI_CUDA(launch_next(shade_left, blocks, kShadeThreads, 0, stream, job, work));

@@ -100,20 +100,6 @@ __device__ __forceinline__ void prepare(const Shading& job, int64_t view, int32_
   if (*fate == Fate::kWhole && !load_skin(job, triangle, vertex, back, &out->skin)) *fate = Fate::kNothing;
 }
 
-// What becomes of a triangle, by its vertices' flags, and where these lie: subpx.
-__device__ __forceinline__ Fate project_triangle(const Shading& job, int64_t view, int32_t triangle, int32_t x[3],
-                                                 int32_t y[3]) {
-  const Frame f = frame_of(job, view);
-  int32_t index[3];
-  if (!load_indices(f, triangle, index)) return Fate::kDropped;
-  uint32_t flags[3];
-  for (int k = 0; k < 3; ++k) {
-    const ProjectedVertex p = project(f, index[k]);
-    x[k] = p.x, y[k] = p.y, flags[k] = p.flags;
-  }
-  return fate_of(flags[0], flags[1], flags[2]);
-}
-
 // Whether a triangle has to be clipped.
 __device__ __forceinline__ bool is_clipped(const Shading& job, int64_t view, int32_t triangle) {
   const Frame f = frame_of(job, view);
