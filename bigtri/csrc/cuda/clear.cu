@@ -104,7 +104,8 @@ __global__ void __launch_bounds__(kMarkThreads)
   constexpr int kOwn = 8;  // a triangle with more is the whole warp's, so that a large one does not hold up a lane
   let_next_begin();
   if (projected) wait_for_previous();
-  const int64_t item = (int64_t)blockIdx.x * kMarkThreads + threadIdx.x;
+  // A warp's triangles lie apart in the mesh: neighbours are alike, and large ones take long.
+  const int64_t item = (int64_t)threadIdx.x * gridDim.x + blockIdx.x;
   MarkBox box = {};
   if (item < items) box = mark_box(f, areas, projected, triangles, item);
   wait_for_previous();
@@ -117,31 +118,34 @@ __global__ void __launch_bounds__(kMarkThreads)
   }
 }
 
-// Lists the areas that are marked, and clears them. A block takes 32 areas of a row at a time.
-constexpr int kAreaThreads = 128;
-__host__ __device__ inline int row_parts(const Areas& areas) { return (areas.columns + kWarp - 1) / kWarp; }
+// Lists the areas that are marked, and clears them. A block takes so many areas of a row at a time as marks are read
+// together, a row of pixels a warp.
+constexpr int kAreaThreads = 256;
+__host__ __device__ inline int row_parts(const Areas& areas) { return areas.pitch / kMarksTogether; }
 __global__ void __launch_bounds__(kAreaThreads)
     clear_areas(const __grid_constant__ Frame f, const __grid_constant__ Areas areas) {
   let_next_begin();
   wait_for_previous();
   const bool in_pairs = f.view.width % 2 == 0 && ((uintptr_t)f.packed & 15) == 0;
   for (int64_t i = blockIdx.x; i < area_rows(areas) * row_parts(areas); i += gridDim.x) {
+    const uint64_t marks = reinterpret_cast<const uint64_t*>(areas.marks)[i];
+    if (!marks) continue;
     const int64_t row_of_all = i / row_parts(areas), view = row_of_all / areas.rows;
-    const int row = (int)(row_of_all - view * areas.rows), first = (int)(i - row_of_all * row_parts(areas)) * kWarp,
-              column = first + lane_id();
-    const unsigned marked =
-        __ballot_sync(kAllLanes, column < areas.columns && areas.marks[row_of_all * areas.pitch + column] != 0);
-    if (this_warp() == 0 && marked) {
+    const int row = (int)(row_of_all - view * areas.rows),
+              first = (int)(i - row_of_all * row_parts(areas)) * kMarksTogether;
+    const bool mine = lane_id() < kMarksTogether && (marks >> (8 * (lane_id() % kMarksTogether)) & 1);
+    const unsigned marked = __ballot_sync(kAllLanes, mine);
+    if (this_warp() == 0) {
       uint32_t place = 0;
       if (lane_id() == 0) place = atomicAdd(areas.count, (uint32_t)__popc(marked));
       place = __shfl_sync(kAllLanes, place, 0) + __popc(marked & lanes_below());
-      if (marked >> lane_id() & 1) areas.list[place] = {(int32_t)view, (uint16_t)column, (uint16_t)row};
+      if (mine) areas.list[place] = {(int32_t)view, (uint16_t)(first + lane_id()), (uint16_t)row};
     }
     const int bottom = min_of((row + 1) * kAreaHeight, f.view.height);
-    for (unsigned todo = marked; todo; todo &= todo - 1) {
-      const int left = (first + __ffs(todo) - 1) * kAreaWidth;
-      for (int y = row * kAreaHeight + this_warp(); y < bottom; y += kAreaThreads / kWarp) {
-        int64_t* const pixels = pixels_of(f, view) + (int64_t)y * f.view.width;
+    for (int y = row * kAreaHeight + this_warp(); y < bottom; y += kAreaThreads / kWarp) {
+      int64_t* const pixels = pixels_of(f, view) + (int64_t)y * f.view.width;
+      for (unsigned todo = marked; todo; todo &= todo - 1) {
+        const int left = (first + __ffs(todo) - 1) * kAreaWidth;
         if (in_pairs) {
           const int x = left + 2 * lane_id();
           if (x < f.view.width) reinterpret_cast<longlong2*>(pixels)[x / 2] = make_longlong2(kBackground, kBackground);

@@ -194,33 +194,35 @@ enum class Pixel { kBackground, kDrawn, kLeft };
 template <bool kPrepared>
 __device__ __forceinline__ Pixel shade_pixel(const Shading& job, const Work& work, const Place& at, int32_t triangle,
                                              Finished* out) {
-  const int64_t item = work.first_item + (int64_t)at.view * job.count + triangle;
+  // Prepared triangles have many pixels each, so that the number of those of a launch fits 32 bits.
+  const uint32_t number = at.view * (uint32_t)job.count + (uint32_t)triangle;
   WholeTriangle whole;
   int32_t vertex[3];
   bool back;
   if constexpr (kPrepared)
-    whole = loaded(&work.prepared[item].whole);
+    whole = loaded(&work.prepared[number].whole);
   else
     set_up_whole(job, at.view, triangle, work.projected ? work.projected + at.view * job.vertices : nullptr, &whole,
                  vertex, &back);
   float weight[3];
-  Skin skin;
   if (whole.fate == Fate::kWhole) {
     weigh(job, whole, at.x, at.y, weight);
-    if constexpr (kPrepared)
-      skin = loaded(&work.prepared[item].skin);
-    else if (!load_skin(job, triangle, vertex, back, &skin))
-      return Pixel::kBackground;
+    if constexpr (kPrepared) {
+      finish(job.surface, work.lookups, SkinInMemory{&work.prepared[number].skin}, weight, out);
+    } else {
+      Skin skin;
+      if (!load_skin(job, triangle, vertex, back, &skin)) return Pixel::kBackground;
+      finish(job.surface, work.lookups, SkinAtHand{skin}, weight, out);
+    }
   } else if (whole.fate == Fate::kClip) {
-    const ClippedTriangle* clipped = clipped_of(work, item);
+    const ClippedTriangle* clipped = clipped_of(work, work.first_item + (int64_t)at.view * job.count + triangle);
     if (!clipped) return Pixel::kLeft;
     if (clipped->count == 0) return Pixel::kBackground;
     weigh(job, *clipped, at.x, at.y, weight);
-    skin = loaded(&clipped->skin);
+    finish(job.surface, work.lookups, SkinInMemory{&clipped->skin}, weight, out);
   } else {
     return Pixel::kBackground;
   }
-  finish(job.surface, work.lookups, skin, weight, out);
   return Pixel::kDrawn;
 }
 
@@ -370,6 +372,7 @@ __global__ void __launch_bounds__(kShadeThreads, 8)
     __syncwarp();
     if (lane_id() == 0) numbers[this_warp()] = number;
     __syncwarp();
+    if (number + gridDim.x * kShadeWarps >= word_count(work)) let_next_begin();  // this word is the warp's last
     if (__any_sync(kAllLanes, triangle >= 0)) finish_word<true>(job, work, at, row, triangle);
     number = reread(numbers[this_warp()]) + gridDim.x * kShadeWarps;
   }
@@ -411,7 +414,7 @@ __global__ void __launch_bounds__(kShadeThreads, 4)
         if (drawn) {
           float weight[3];
           weigh(job, *held, at.x, at.y, weight);
-          finish(job.surface, work.lookups, held->skin, weight, &finished);
+          finish(job.surface, work.lookups, SkinAtHand{held->skin}, weight, &finished);
         } else {
           finish_background(job, at.y, &finished);
         }
@@ -529,6 +532,7 @@ cudaError_t in_parts(const Shading& given, const Layout& at, const Launch& launc
     work.first_item = view * given.count;
     if (work.background) work.background += view * given.height;
     if (work.projected) work.projected += view * given.vertices;
+    if (work.prepared) work.prepared += work.first_item;
     job.packed += pixel;
     job.positions += view * given.vertices * 4;
     for (float** image : {&job.albedo, &job.normals, &job.linear})
