@@ -85,17 +85,10 @@ __device__ __forceinline__ MarkBox mark_box(const Frame& f, const Areas& areas, 
           (box.y1 - 1) / kAreaHeight - top + 1};
 }
 
-// Marks columns left to right of a row.
-__device__ __forceinline__ void mark_row(const Areas& areas, int64_t row, int left, int right) {
-  uint8_t* const marks = areas.marks + row * areas.pitch;
-  for (int column = left; column <= right;) {
-    if (column % kMarksTogether == 0 && column + kMarksTogether <= right + 1) {
-      *reinterpret_cast<uint64_t*>(marks + column) = 0x0101010101010101ull;
-      column += kMarksTogether;
-    } else {
-      marks[column++] = 1;
-    }
-  }
+// Of marks that lie together, those from column left to column right.
+__device__ __forceinline__ uint64_t marks_between(int left, int right) {
+  constexpr uint64_t kAll = 0x0101010101010101ull;
+  return kAll << (8 * max_of(left, 0)) & kAll >> (8 * (kMarksTogether - 1 - min_of(right, kMarksTogether - 1)));
 }
 
 __global__ void __launch_bounds__(kMarkThreads)
@@ -110,11 +103,17 @@ __global__ void __launch_bounds__(kMarkThreads)
   if (item < items) box = mark_box(f, areas, projected, triangles, item);
   wait_for_previous();
   const bool small = box.rows * (box.right - box.left + 1) <= kOwn;
-  for (int down = 0; small && down < box.rows; ++down) mark_row(areas, box.first_row + down, box.left, box.right);
+  for (int down = 0; small && down < box.rows; ++down)
+    for (int column = box.left; column <= box.right; ++column)
+      areas.marks[(box.first_row + down) * areas.pitch + column] = 1;
   for (unsigned large = __ballot_sync(kAllLanes, !small); large; large &= large - 1) {
     const MarkBox its = of_lane(box, __ffs(large) - 1);
-    for (int down = lane_id(); down < its.rows; down += kWarp)
-      mark_row(areas, its.first_row + down, its.left, its.right);
+    const int first = its.left / kMarksTogether, words = its.right / kMarksTogether - first + 1;
+    for (int i = lane_id(); i < its.rows * words; i += kWarp) {
+      const int down = i / words, column = (first + i - down * words) * kMarksTogether;
+      atomicOr(reinterpret_cast<unsigned long long*>(areas.marks + (its.first_row + down) * areas.pitch + column),
+               (unsigned long long)marks_between(its.left - column, its.right - column));
+    }
   }
 }
 
