@@ -52,8 +52,6 @@ CHANGES = (
     (r'asm volatile\("st\.global\.cs\.v2.*', "if ((uintptr_t)to & 15) abort(); to[0] = a; to[1] = b;"),
     (r'asm\("rcp\.approx\.ftz\.f32.*', "inverse = 1.0f / v;"),
     (r'asm volatile\("prefetch\.global\.L1.*', "(void)*static_cast<const volatile char*>(from);"),
-    (r'asm volatile\("cp\.async\.ca(?:.|\n)*?"memory"\);', "*to = *from;"),
-    (r'asm volatile\("cp\.async\.wait_all.*', ""),
     (r'asm volatile\("red\.relaxed\.gpu\.global\.min\.s64.*', "if (packed < *pixel) *pixel = packed;"),
 )
 NO_ASSEMBLY = r'asm volatile\("" : "\+[rl]"\(\w\)\);'  # stays: it says something to the compiler only

@@ -67,24 +67,6 @@ struct Work {
   int places;
 };
 
-// Loads into shared memory what is there only after wait_for_copies().
-__device__ __forceinline__ void copy_later(uint32_t* to, const uint32_t* from) {
-#if __CUDA_ARCH__ >= 800
-  asm volatile("cp.async.ca.shared.global [%0], [%1], 4;" ::"r"((uint32_t)__cvta_generic_to_shared(to)), "l"(from)
-               : "memory");
-#else
-  *to = *from;
-#endif
-}
-__device__ __forceinline__ void wait_for_copies() {
-#if __CUDA_ARCH__ >= 800
-  asm volatile("cp.async.wait_all;" ::: "memory");
-#endif
-}
-__device__ __forceinline__ void prefetch(const void* from) {
-  asm volatile("prefetch.global.L1 [%0];" ::"l"(__cvta_generic_to_global(from)));
-}
-
 // Where a pixel lies, or the first one of a word.
 struct Place {
   uint32_t view;
@@ -374,55 +356,25 @@ __global__ void __launch_bounds__(kShadeThreads, 8)
   }
 }
 
-// A word that a warp finishes next: its pixels' triangles come while it finishes another one. All this lies in shared
-// memory, so that no register holds it meanwhile.
-struct Ahead {
-  uint32_t number;
-  uint32_t triangle[kWarp];  // the lower halves of packed values
-
-  // Begins to load the lane's triangle of word `next`, and asks for the area of the one after that. By all lanes.
-  __device__ __forceinline__ void fetch(const Shading& job, const Work& work, uint32_t next, uint32_t after) {
-    const Place word = word_at(work, next);
-    const int x = word.x + lane_id();
-    if (x < job.width && word.y < job.height) {
-      const uint32_t pixel = (word.view * job.height + word.y) * job.width + x;
-      copy_later(&triangle[lane_id()], reinterpret_cast<const uint32_t*>(job.packed) + 2 * (int64_t)pixel);
-    }
-    if (lane_id() == 0) {
-      number = next;
-      prefetch(work.areas.list + after / kWordsOfArea);
-    }
-  }
-};
-
 // The areas that are listed, of prepared triangles and a picture that has its background already. Nearly all of their
 // words have a triangle, so that warps may take them in turn.
 __global__ void __launch_bounds__(kShadeThreads, 8)
     shade_listed(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
-  __shared__ Ahead of_warp[kShadeWarps];
-  Ahead& ahead = of_warp[this_warp()];
+  __shared__ uint32_t numbers[kShadeWarps];  // of the warps' words: no register holds them while a word is finished
   wait_for_previous();
-  const uint32_t step = gridDim.x * kShadeWarps, first = blockIdx.x * kShadeWarps + this_warp();
-  if (first >= word_count(work)) return;
-  ahead.fetch(job, work, first, first);
+  uint32_t number = blockIdx.x * kShadeWarps + this_warp();
 #pragma unroll 1
-  for (bool more = true; more;) {
-    wait_for_copies();
+  while (number < word_count(work)) {
+    Place at;
+    uint32_t row;
+    int32_t triangle;
+    look_at_word(job, work, number, &at, &row, &triangle);
     __syncwarp();
-    const uint32_t number = reread(ahead.number), next = number + step;
-    const Place word = word_at(work, number);
-    const Place at = {word.view, word.x + lane_id(), word.y};
-    const bool within = at.x < job.width && at.y < job.height;
-    const uint32_t named = within ? reread(ahead.triangle[lane_id()]) : ~0u;
-    const int32_t triangle = named < (uint32_t)job.count ? (int32_t)named : -1;
-    more = next < word_count(work);
+    if (lane_id() == 0) numbers[this_warp()] = number;
     __syncwarp();
-    if (more)
-      ahead.fetch(job, work, next, min_of(next + step, word_count(work) - 1));
-    else
-      let_next_begin();
-    if (__any_sync(kAllLanes, triangle >= 0))
-      finish_word<true>(job, work, at, word.view * job.height + word.y, triangle);
+    if (number + gridDim.x * kShadeWarps >= word_count(work)) let_next_begin();  // this word is the warp's last
+    if (__any_sync(kAllLanes, triangle >= 0)) finish_word<true>(job, work, at, row, triangle);
+    number = reread(numbers[this_warp()]) + gridDim.x * kShadeWarps;
   }
 }
 
