@@ -161,6 +161,8 @@ def of_parts() -> Iterator[Picture]:
         surface = surface_of(rng, 900, 300)
         yield Picture(torch.from_numpy(positions.astype(np.float32)), triangles, surface, size, channels=channels, made=False)
         yield picture_of(71 + k, size, views, made=False, channels=channels, count=300)
+    clipped = of_many_clipped(100)
+    yield clipped._replace(positions=clipped.positions.repeat(2, 1, 1), resolution=(160, 400), made=False)
 
 
 def of_every_effect() -> Iterator[Picture]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import itertools
 from collections.abc import Iterable, Sequence
 
 import cuda_on_cpu
@@ -79,7 +80,11 @@ def differences(library: ctypes.CDLL, pictures: Iterable[tuple[Picture, Drawn]])
     """Of what the kernels give from what they have to, a line each."""
     found = []
     for number, (picture, wanted) in enumerate(pictures):
-        for what, packed, order in (("draw", None, number % 3), ("alone", None, number % 4), ("shade", wanted.packed, 3 + number % 2)):
+        for what, packed, order in (
+            ("draw", None, number % 3),
+            ("alone", None, number % 4),
+            ("shade", wanted.packed, 3 + number % 2),
+        ):
             library.set_order(order)  # of threads, and of warps: must not matter
             got = by_the_kernels(library, picture, packed, what != "alone")
             for (name, a), (_, b) in zip(*(fields(d, what != "draw") for d in (wanted, got)), strict=True):
@@ -193,18 +198,31 @@ def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("file", "old", "new", "said"),
     [
-        ("*row = word.view * job.height + word.y;", "*row = word.y;", "values of image"),
-        ("place = kNoPlace;", "place = 0;", "picture 2"),
-        ("work.projected + at.view * job.vertices", "work.projected", "picture 3"),
-        ("if (pixels >= kWarp && ((uintptr_t)bytes & 3) == 0) {", "if (true) {", "access beyond memory"),
+        ("shade.cu", "*row = word.view * job.height + word.y;", "*row = word.y;", "values of image"),
+        ("shade.cu", "place = kNoPlace;", "place = 0;", "picture 2"),
+        ("shade.cu", "work.projected + at.view * job.vertices", "work.projected", "picture 3"),
+        ("shade.cu", "if (pixels >= kWarp && ((uintptr_t)bytes & 3) == 0) {", "if (true) {", "access beyond memory"),
+        ("shade.cu", "(shift + 8 * k) % 24", "shift % 24", "alone, picture 4"),
+        ("clear.cu", "(box.y1 - 1) / kAreaHeight - top + 1}", "(box.y1 - 1) / kAreaHeight - top}", "alone, picture 4"),
+        ("clear.cu", "PixelBox box = {0, 0, f.view.width, f.view.height};", "PixelBox box = {0, 0, 1, 1};", "alone, picture 6"),
+        ("clear.cu", "kAll << (8 * max_of(left, 0))", "kAll << 8 << (8 * max_of(left, 0))", "alone, picture 6"),
     ],
 )
-def test_what_is_broken_shows(old: str, new: str, said: str, tmp_path) -> None:
-    """Rows of the next view, more clipped triangles than there is memory for, its vertices, a picture's end."""
-    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", old, new))
+def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path) -> None:
+    """Rows of the next view, more clipped triangles than there is memory for, its vertices, a picture's end; the background's
+    channels, a triangle's last row of areas, those of one to be clipped, and all in a row but the first."""
+    library = cuda_on_cpu.build(tmp_path / "build", (file, old, new))
     small = picture_of(47, (90, 33), views=3, made=False, count=2000)
     shared = of_shared_vertices(52, (33, 47), 3)
-    wanted = [(p, drawn(p)) for p in (small, full_screen((90, 33)), of_many_clipped(900), shared)]
+    pictures = (
+        small,
+        full_screen((90, 33)),
+        of_many_clipped(900),
+        shared,
+        *itertools.islice(of_parts(), 2),
+        list(of_parts())[-1],
+    )
+    wanted = [(p, drawn(p)) for p in pictures]
     assert said in cuda_on_cpu.in_children([functools.partial(differences, library, wanted)])

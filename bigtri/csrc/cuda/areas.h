@@ -7,6 +7,8 @@
 namespace bigtri {
 
 constexpr int kAreaWidth = 64, kAreaHeight = 16;  // px
+// Of a view, at least: in smaller pictures marking takes as long as it spares.
+constexpr int64_t kPixelsOfAreas = 1500000;
 
 struct Area {
   int32_t view;

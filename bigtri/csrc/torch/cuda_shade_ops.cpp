@@ -117,7 +117,8 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
   std::optional<Tensor> areas;
   const bool seen = packed || depth;  // by the caller
-  if (!seen && variant.lists_areas && variant.lists_areas(frame, values.data()) && rung.shades_areas(shading.job)) {
+  if (!seen && height * width >= kPixelsOfAreas && variant.lists_areas && variant.lists_areas(frame, values.data()) &&
+      rung.shades_areas(shading.job)) {
     areas = scratch_of(areas_bytes((int)width, (int)height, frame.views), device);
     frame.areas = shading.job.areas = areas->mutable_data_ptr();
   }
