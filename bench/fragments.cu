@@ -2,12 +2,13 @@
 
 #include "fragments.h"
 
-#include <cuda_runtime.h>
+#include "cuda/launch.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
-#if defined(__CUDA_ARCH__)
+// On the device; and where no compiler for CUDA is at work, but tests/cuda/cuda_on_cpu.h has its words.
+#if defined(__CUDA_ARCH__) || !defined(__CUDACC__)
 BIGTRI_HD int64_t read_pixel(const int64_t* pixel) { return __ldcg(reinterpret_cast<const long long*>(pixel)); }
 
 BIGTRI_HD void lower_pixel(int64_t* pixel, int64_t v) { atomicMin(reinterpret_cast<long long*>(pixel), (long long)v); }
@@ -54,7 +55,7 @@ __global__ void finish(const __grid_constant__ FragmentJob job, int64_t pixels, 
       coloured ? packed_colour(job.frame.packed[i]) : shade_pixel(job, (int)(i - (int64_t)y * width), y, &held);
 }
 
-unsigned blocks(int64_t threads) { return (unsigned)((threads + kThreads - 1) / kThreads); }
+int64_t blocks(int64_t threads) { return (threads + kThreads - 1) / kThreads; }
 
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE
@@ -67,19 +68,18 @@ extern "C" int fragments_draw(const FragmentArguments* given, int way, int, void
   const auto on = static_cast<cudaStream_t>(stream);
   const FragmentJob job = fragment_job(*given);
   const int64_t pixels = (int64_t)given->height * given->width;
-  clear<<<blocks(pixels), kThreads, 0, on>>>(job, pixels);
+  const cudaError_t error = launch_first(clear, blocks(pixels), kThreads, 0, on, job, pixels);
+  if (error != cudaSuccess || given->count == 0) return error;
   const auto draw = way == kPacked     ? draw_all<kPacked>
                     : way == kLocked   ? draw_all<kLocked>
                     : way == kColoured ? draw_all<kColoured>
                                        : draw_all<kColouredAll>;
-  if (given->count > 0) draw<<<blocks(given->count), kThreads, 0, on>>>(job);
-  return cudaGetLastError();
+  return launch_first(draw, blocks(given->count), kThreads, 0, on, job);
 }
 
 // The image from what was drawn: shaded from triangles, or the colours that were packed.
 extern "C" int fragments_finish(const FragmentArguments* given, int way, int, void* stream) {
   const int64_t pixels = (int64_t)given->height * given->width;
   const auto on = static_cast<cudaStream_t>(stream);
-  finish<<<blocks(pixels), kThreads, 0, on>>>(fragment_job(*given), pixels, has_colours(way));
-  return cudaGetLastError();
+  return launch_first(finish, blocks(pixels), kThreads, 0, on, fragment_job(*given), pixels, has_colours(way));
 }

@@ -161,7 +161,7 @@ class Scene:
     def fragments(self) -> int:
         """Pixels that the triangles cover, hidden ones too."""
         arrays = self.given["positions"], self.given["triangles"]
-        return counters.count(*arrays, self.size, variant="scanline")["fragments"]
+        return counters.count(*arrays, self.size, variant="scanline").get("fragments", 0)
 
     def rows(self, seconds: float, where: Mapping[str, str]) -> list[Row]:
         self.check()

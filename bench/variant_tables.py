@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import markdown
+import numpy as np
+from numpy.typing import NDArray
 from variant_cases import STANDARD
-from variant_costs import PAID, check, fit, in_order, winner
+from variant_costs import PAID, check, fit, in_order, paid, winner
 from variant_rows import PREDICTION, Key, Row, by_case, by_variant, many, text_of
 
 from bigtri.check import counters
@@ -18,6 +20,7 @@ SIZE = (1920, 1080)  # of what is not shown at every size
 SHOWN = "R16k-close,R100k,S2,S3,S4b,S5"  # scenes whose work is shown
 WORK = ("entries", "bytes", "tiles_tested", "tiles_empty", "edges_64", "edges_32", "rows", "fragments", "passed", "atomics")
 APART = 1.1  # times another's time: what is nearer than that has no order
+LEAST = 5  # percent of a time that a kind of work has to take to be named
 MATTERS = 1.25  # times the time that another value takes: all values of such a parameter are shown
 SWEPT = (
     "One parameter at a time, the others at their standard values: all values that it may have if they are few, else up to two "
@@ -62,7 +65,8 @@ def scenes(rows: Sequence[Row]) -> str:
     if any(row.counters for row in rows):
         parts += ["### Work"]
         parts += [work_table(of_case) for key, of_case in cases.items() if key[1:] == SIZE and key.scene in SHOWN.split(",")]
-        parts += ["### What a unit of work costs", costs_table([row for row in rows if row.counters])]
+        counted = [row for row in rows if row.counters]
+        parts += ["### What a unit of work costs", costs_table(counted), shares_table(counted)]
     return "\n\n".join(parts)
 
 
@@ -182,6 +186,28 @@ def parameters(rows: Sequence[Row]) -> str:
     return "\n\n".join(parts)
 
 
+def shares_table(rows: Sequence[Row]) -> str:
+    """The kinds of work that a variant spends most of its time on, by its costs: why it is where it is."""
+    cases = {key: of_case for key, of_case in by_case(rows).items() if key[1:] == SIZE and key.scene in SHOWN.split(",")}
+    lines = []
+    for variant, of_it in by_variant(rows).items():
+        ns = fit(of_it).ns
+        cells = []
+        for of_case in cases.values():
+            found = [ns * paid(row) for row in of_case if row.variant == variant]
+            cells.append(largest(found[0]) if found and found[0].any() else "-")
+        lines.append([variant, *cells])
+    head = [f"{SIZE[0]}x{SIZE[1]}", *(key.scene for key in cases)]
+    return "The kinds of work that take most of a variant's time by these costs, in percent:\n\n" + markdown.table(head, lines)
+
+
+def largest(ns: NDArray[np.float64]) -> str:
+    """The two largest parts of a time by `PAID`, in percent of it."""
+    percent = 100 * ns / ns.sum()
+    first = [k for k in np.argsort(-percent, kind="stable")[:2] if percent[k] >= LEAST]
+    return ", ".join(f"{PAID[k]} {percent[k]:.0f}" for k in first)
+
+
 def ends_of(curve: Sequence[Tried]) -> list[Tried]:
     """The values with the least and with the most time, one where there are no others."""
     in_order = sorted(curve, key=lambda tried: tried.ratio)
@@ -203,7 +229,8 @@ def distance(rows: Sequence[Row]) -> str:
         variants = list(by_variant(itertools.chain(*cases)))
         lines = [[f"{distance_of(c):g}", px(c), *ratios(c, variants)[1:]] for c in cases]
         parts += [markdown.table([f"{name}, {cases[0][0].key.size}, distance", "px a triangle", "fastest, ms", *variants], lines)]
-        parts += [f"Changes of places, of variants more than 10 % apart: {changes(cases, variants) or 'none'}."]
+        fallen = changes(cases, variants) or "none"
+        parts += [f"What is more than 10 % ahead of another nearer by falls as much behind it farther away: {fallen}."]
     return "\n\n".join(parts)
 
 
@@ -218,16 +245,19 @@ def px(of_case: Sequence[Row]) -> str:
 
 
 def changes(cases: Sequence[Sequence[Row]], variants: Sequence[str]) -> str:
-    """Of which two variants one is ahead near by and the other far away."""
+    """Which variants fall behind which others as the camera goes away, and from what distance on."""
     ms = [{row.variant: row.us for row in of_case} for of_case in cases]
-    found = []
+    behind: dict[str, dict[float, list[str]]] = {}
     for a, b in itertools.permutations(variants, 2):
         both = [(distance_of(case), us[a], us[b]) for case, us in zip(cases, ms, strict=True) if a in us and b in us]
         first = [at for at, us_a, us_b in both if us_b > APART * us_a]
         then = [at for at, us_a, us_b in both if us_a > APART * us_b]
         if first and then and max(first) < min(then):
-            found.append(f"{a} is ahead of {b} up to {max(first):g}, behind from {min(then):g} on")
-    return "; ".join(found)
+            behind.setdefault(a, {}).setdefault(min(then), []).append(b)
+    lines = []
+    for a, others in behind.items():
+        lines.append(f"`{a}` behind " + ", ".join(f"{' and '.join(others[at])} from {at:g} on" for at in sorted(others)))
+    return "; ".join(lines)
 
 
 def motion(rows: Sequence[Row]) -> str:

@@ -92,6 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         predicted = option_types.chosen("scene", options.predict, known) if options.predict else []
     except ValueError as error:
         parser.error(str(error))
+    failures: list[str] = []
     if options.rows:
         rows = [row for path in options.rows for row in read(path)]
         for key in (Key(scene, *size) for scene in predicted for size in options.size):
@@ -100,15 +101,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.csv:
             write(options.csv, rows)
     else:
-        rows = measured(options, here(options.device))
+        rows = measured(options, here(options.device), failures)
+    for failure in failures:
+        print("FAILED", failure)
     if not rows:
-        parser.error("nothing was measured: the sizes are too small for the scenes, or --total is over")
+        parser.error("nothing was measured")
     if options.docs:
         markdown.paste(options.docs, f"variants {options.device}", variant_tables.page(rows, SLOW[options.device]))
     wrong = [row for row in rows if not row.equal]
     for row in wrong:
         print(f"NOT EQUAL: {row.key} {row.variant} {row.setting}")
-    return 1 if wrong else 0
+    return 1 if wrong or failures else 0
 
 
 def distance(text: str) -> str:
@@ -134,7 +137,8 @@ def here(device: str) -> dict[str, str]:
     }
 
 
-def measured(options: Any, where: Mapping[str, str]) -> list[Row]:
+def measured(options: Any, where: Mapping[str, str], failures: list[str]) -> list[Row]:
+    """The rows of all parts. A case that fails is added to the failures, and the next one goes on."""
     end = time.perf_counter() + options.total
     if options.device == "cuda":
         cuda_clock.warm_up()
@@ -148,6 +152,9 @@ def measured(options: Any, where: Mapping[str, str]) -> list[Row]:
             found = call()
         except ValueError as error:  # the image is too small for the scene
             print(f"{key.scene}: {error}")
+            continue
+        except RuntimeError as error:
+            failures.append(f"{key.scene} {key.size}: {str(error).splitlines()[0]}")
             continue
         rows += found
         fastest = sorted(found, key=lambda row: row.us)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import torch
 
@@ -11,9 +12,10 @@ from ..choices import CULLS
 from ..ops import arguments
 from ..ops.arguments import Array
 from ..ops.rasterize import check_indices
-from ..precision import DEFAULT, Precision
+from ..precision import DEFAULT, Arithmetic, Precision
 from ..reference.variants import MODELS
-from ..reference.work import Job
+from ..reference.work import Job, without_empty
+from ..reference.work_map import Places
 
 Scissor = tuple[int, int, int, int]
 LARGEST = ("most_work",)  # of views and tasks the largest counts, where other counters are sums
@@ -57,25 +59,15 @@ def count(
     if on_cuda and "cuda" not in native.devices():
         raise RuntimeError("bigtri.count: device='cuda' needs a CUDA device, and the extension built for CUDA")
     arguments.check_choice(op, "variant", variant, native.VARIANTS["cuda"] if on_cuda else tuple(MODELS))
-    arithmetic = arguments.check_precision(op, precision)
-    arguments.check_choice(op, "cull", cull, CULLS)
-    height, width = arguments.check_image_size(op, "resolution", resolution)
-    box = arguments.check_scissor(op, scissor, height, width)
-    clip = arguments.check_tensor(op, "positions", positions, torch.float32, "[V, 4] or [B, V, 4]", (2, 3), "reference").cpu()
-    faces = arguments.check_tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2, "reference").cpu()
-    arguments.check_size(op, "positions", clip, -1, 4, "x, y, z, w")
-    arguments.check_size(op, "triangles", faces, 1, 3, "corners")
-    views = clip if clip.ndim == 3 else clip[None]
-    check_indices(op, faces, views.shape[1])
+    scene = Scene.checked(op, positions, triangles, resolution, precision, cull, scissor, (2, 3))
+    clip, faces, (height, width), arithmetic, _, box = scene
     if chosen == "reference":
         total: dict[str, int] = {}
-        values = _all_parameters(op, variant, parameters)
-        for view in views:
-            mesh = view.numpy(), faces.numpy()
-            records, _ = reference.setup(*mesh, height, width, cull, box, arithmetic)
-            for name, n in MODELS[variant].count(Job(*mesh, records, height, width, arithmetic, values)).items():
+        for view in clip if clip.ndim == 3 else clip[None]:
+            counts, _ = modelled(op, scene._replace(clip=view), variant, parameters)
+            for name, n in counts.items():
                 total[name] = max(total.get(name, 0), n) if name in LARGEST else total.get(name, 0) + n
-        return {name: n for name, n in total.items() if n}
+        return total
     arguments.check_compiled(op, arithmetic, device)
     known = native.REGISTRY[device][arithmetic.name]
     arguments.check_choice(op, "variant", variant, tuple(known))
@@ -87,6 +79,56 @@ def count(
     drawing = (*placed, height, width, cull, box, variant, arithmetic.name, 1, chosen_values, None, None)
     torch.ops.bigtri.rasterize(*drawing, packed, None, dropped, counters)
     return {name: int(n) for name, n in zip(native.COUNTERS, counters, strict=True) if n}
+
+
+class Scene(NamedTuple):
+    """What is drawn, checked; on the CPU."""
+
+    clip: torch.Tensor  # float32 [V, 4] or [B, V, 4]
+    faces: torch.Tensor  # int32 [T, 3]
+    resolution: tuple[int, int]  # height, width
+    arithmetic: Arithmetic
+    cull: str
+    box: Scissor
+
+    @classmethod
+    def checked(
+        cls,
+        op: str,
+        positions: Array,
+        triangles: Array,
+        resolution: tuple[int, int],
+        precision: str | Precision,
+        cull: str,
+        scissor: Scissor | None,
+        dimensions: int | tuple[int, ...],
+    ) -> Scene:
+        """The arguments of ``count``; positions of so many ``dimensions``.
+
+        Raises:
+            TypeError, ValueError, RuntimeError: as ``count``.
+        """
+        arithmetic = arguments.check_precision(op, precision)
+        arguments.check_choice(op, "cull", cull, CULLS)
+        height, width = arguments.check_image_size(op, "resolution", resolution)
+        box = arguments.check_scissor(op, scissor, height, width)
+        shape = "[V, 4]" if dimensions == 2 else "[V, 4] or [B, V, 4]"
+        clip = arguments.check_tensor(op, "positions", positions, torch.float32, shape, dimensions, "reference").cpu()
+        faces = arguments.check_tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2, "reference").cpu()
+        arguments.check_size(op, "positions", clip, -1, 4, "x, y, z, w")
+        arguments.check_size(op, "triangles", faces, 1, 3, "corners")
+        check_indices(op, faces, clip.shape[-2])
+        return cls(clip, faces, (height, width), arithmetic, cull, box)
+
+
+def modelled(op: str, scene: Scene, variant: str, parameters: Mapping[str, int] | None) -> tuple[dict[str, int], Places]:
+    """What the variant's model counts of one view, those that are not 0, and where."""
+    values = _all_parameters(op, variant, parameters)
+    mesh = scene.clip.numpy(), scene.faces.numpy()
+    records, _ = reference.setup(*mesh, *scene.resolution, scene.cull, scene.box, scene.arithmetic)
+    places, drawn = Places(*scene.resolution), without_empty(records, scene.arithmetic)
+    counts = MODELS[variant].count(Job(*mesh, drawn, *scene.resolution, scene.arithmetic, values, places))
+    return {name: n for name, n in counts.items() if n}, places
 
 
 def load(counts: Mapping[str, int]) -> float:

@@ -10,13 +10,13 @@ import torch
 from numpy.typing import NDArray
 
 from .. import native
-from ..choices import CULLS
 from ..ops import arguments
 from ..ops.arguments import Array
-from ..ops.rasterize import check_indices
 from ..precision import DEFAULT, Precision
-from ..reference.numerics import BIN, TILE
-from .counters import Scissor
+from ..reference.numerics import TILE
+from ..reference.variants import MODELS
+from ..reference.work_map import levels_of
+from .counters import Scene, Scissor, modelled
 
 
 class WorkMap(NamedTuple):
@@ -50,16 +50,19 @@ def map_work(
     resolution: tuple[int, int],
     *,
     variant: str,
+    backend: str = "auto",
     precision: str | Precision = DEFAULT,
     cull: str = "none",
     scissor: Scissor | None = None,
     parameters: Mapping[str, int] | None = None,
 ) -> WorkMap:
-    """Draw one view with the build that counts, on the CPU, and keep the place of everything that is counted there.
+    """Where a variant of the CPU does what ``counters.count`` counts, in one view.
 
     Args:
         positions, triangles, resolution, cull, scissor, precision: as for ``rasterize``; positions [V, 4], on the CPU.
         variant: one of ``bigtri.native.VARIANTS["cpu"]``.
+        backend: "native" draws with the build that counts, "reference" works it out from the stages; "auto". With one thread
+            both have the same.
         parameters: values of the variant's parameters by name, instead of the standard ones.
 
     Raises:
@@ -67,43 +70,37 @@ def map_work(
         RuntimeError: the extension is not built; an index in ``triangles`` is out of range; the rung's work is not counted.
     """
     op = "map_work"
-    arguments.choose_backend(op, "native")
-    arithmetic = arguments.check_precision(op, precision)
+    chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "variant", variant, tuple(MODELS))
+    scene = Scene.checked(op, positions, triangles, resolution, precision, cull, scissor, 2)
+    if chosen == "reference":
+        counts, places = modelled(op, scene, variant, parameters)
+        return WorkMap(counts, places.fragments, places.edges, np.sort(places.tasks)[::-1])
+    return _drawn(op, scene, variant, parameters)
+
+
+def _drawn(op: str, scene: Scene, variant: str, parameters: Mapping[str, int] | None) -> WorkMap:
+    """The map of the build that counts."""
+    clip, faces, (height, width), arithmetic, cull, box = scene
     arguments.check_compiled(op, arithmetic, "cpu")
     known = native.REGISTRY["cpu"][arithmetic.name]
     arguments.check_choice(op, "variant", variant, tuple(known))
-    arguments.check_choice(op, "cull", cull, CULLS)
-    height, width = arguments.check_image_size(op, "resolution", resolution)
-    box = arguments.check_scissor(op, scissor, height, width)
-    clip = arguments.check_tensor(op, "positions", positions, torch.float32, "[V, 4]", 2).cpu()
-    faces = arguments.check_tensor(op, "triangles", triangles, torch.int32, "[T, 3]", 2).cpu()
-    arguments.check_size(op, "positions", clip, -1, 4, "x, y, z, w")
-    arguments.check_size(op, "triangles", faces, 1, 3, "corners")
-    check_indices(op, faces, len(clip))
+    drawing = (clip, faces, height, width, cull, box, variant, arithmetic.name)
     values = native.parameter_values(op, known[variant], parameters)
-    drawing = (clip, faces, height, width, cull, box, variant, arithmetic.name, values)
-    rows, columns = -(-height // BIN), -(-width // BIN)
-    levels = _levels(rows * BIN, columns * BIN)
+    levels = levels_of(height, width)
+    sizes = [down * across for down, across in levels]
+    image = [TILE * size for size in levels[0]]
     room = 1
     # Threads decide how many tasks draw, in some variants, so the second drawing may have more than the first.
     while True:
         packed, dropped = torch.empty((height, width), dtype=torch.int64), torch.empty((), dtype=torch.int64)
-        shapes = (len(native.COUNTERS),), (rows * BIN, columns * BIN), (sum(h * w for h, w in levels),), (room,)
+        shapes = [len(native.COUNTERS)], image, [sum(sizes)], [room]
         counters, fragments, edges, tasks = (torch.zeros(shape, dtype=torch.int64) for shape in shapes)
-        torch.ops.bigtri.map_work(*drawing, packed, dropped, counters, fragments, edges, tasks)
+        torch.ops.bigtri.map_work(*drawing, values, packed, dropped, counters, fragments, edges, tasks)
         counts = {name: int(n) for name, n in zip(native.COUNTERS, counters, strict=True) if n}
-        if counts.get("tasks", 0) <= room:
+        if (count := counts.get("tasks", 0)) <= room:
             break
-        room = counts["tasks"]
-    by_level = np.split(edges.numpy(), np.cumsum([h * w for h, w in levels])[:-1])
-    squares = tuple(part.reshape(shape) for part, shape in zip(by_level, levels, strict=True))
-    return WorkMap(counts, fragments.numpy(), squares, np.sort(tasks.numpy()[: counts.get("tasks", 0)])[::-1])
-
-
-def _levels(height: int, width: int) -> list[tuple[int, int]]:
-    """Squares down and across, of tiles and of everything above; ``WorkMap`` of csrc/cpu/work_map.h."""
-    levels = [(height // TILE, width // TILE)]
-    while levels[-1] != (1, 1):
-        size = TILE << len(levels)
-        levels.append((-(-height // size), -(-width // size)))
-    return levels
+        room = count
+    parts = np.split(edges.numpy(), np.cumsum(sizes)[:-1])
+    by_level = tuple(part.reshape(shape) for part, shape in zip(parts, levels, strict=True))
+    return WorkMap(counts, fragments.numpy(), by_level, np.sort(tasks.numpy()[:count])[::-1])

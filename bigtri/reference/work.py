@@ -10,16 +10,18 @@ from numpy.typing import NDArray
 
 from ..precision import Arithmetic
 from .binning import binning
-from .coverage import sides_of, touches
+from .coverage import is_inside, sides_of, touches
 from .depth import depth
 from .numerics import BACKGROUND, BIN, TILE, TILES, ramp
 from .pipeline import FRAGMENTS, ROWS, batches
 from .records import Records
 from .scanline import scanline
 from .tile_mask import tile_mask
+from .work_map import Places
 
 POINTER_BYTES = 8  # of a record in a queue
 _SHARES_TOGETHER = 1024  # kSharesTogether of csrc/cpu/shares.h
+_TINY_EXTENT = 4  # px; kTinyExtent of csrc/cpu/setup.inl
 NO_QUEUE = np.zeros((0, 3), np.int32), np.zeros(0, np.int64)
 
 
@@ -28,11 +30,40 @@ class Job(NamedTuple):
 
     positions: NDArray[np.float32]  # [V, 4], clip space
     triangles: NDArray[np.int32]  # [T, 3]
-    records: Records
+    records: Records  # those that set-up makes (without_empty)
     height: int  # px
     width: int
     arithmetic: Arithmetic
     parameters: Mapping[str, int]  # all of the variant's, by name
+    places: Places  # out, added to: where the work is done
+
+
+class Squares(NamedTuple):
+    """Squares, each of a record, a box or a queue entry; int64 [K] each."""
+
+    of: NDArray[np.int64]  # its number
+    x: NDArray[np.int64]  # the first pixel
+    y: NDArray[np.int64]
+
+
+def extent(records: Records) -> NDArray[np.int32]:
+    """int32 [N]: the larger of width and height of each, subpx."""
+    span = records.xy.max(axis=1, initial=-(2**31)) - records.xy.min(axis=1, initial=2**31 - 1)
+    larger: NDArray[np.int32] = span.max(axis=1, initial=0)
+    return larger
+
+
+def without_empty(records: Records, arithmetic: Arithmetic) -> Records:
+    """The records but those that set-up leaves out: tiny, not clipped, with a bbox of at most 2x2 px and none of it covered."""
+    first, size = records.bbox[:, :2].astype(np.int64), records.bbox[:, 2:] - records.bbox[:, :2]
+    tiny = ~records.clipped & (extent(records) < _TINY_EXTENT * arithmetic.subpixel) & (size <= 2).all(axis=1)
+    sides = sides_of(records, np.arange(len(records.xy)), arithmetic)
+    covers = np.zeros(len(records.xy), np.bool_)
+    for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        inside = is_inside(sides, first[:, 0] + x, first[:, 1] + y).all(axis=1)
+        covers |= inside & (x < size[:, 0]) & (y < size[:, 1])
+    kept = covers | ~tiny
+    return Records(*(field if field is None else field[kept] for field in records))
 
 
 class Pixels:
@@ -77,8 +108,9 @@ def passing(job: Job) -> int:
 
 
 def fragments_of(job: Job) -> NDArray[np.int64]:
-    """int64 [N]: how many pixels each record covers."""
+    """int64 [N]: how many pixels each record covers, which get fragments."""
     spans = scanline(job.records, *NO_QUEUE, np.arange(len(job.records.xy), dtype=np.int32), job.arithmetic)
+    job.places.add_spans(spans)
     return np.bincount(spans[:, 0], weights=spans[:, 3] - spans[:, 2], minlength=len(job.records.xy)).astype(np.int64)
 
 
@@ -90,18 +122,31 @@ class TilesOfEntry(NamedTuple):
     full: NDArray[np.int64]  # of these, with all pixel centres inside of all edges
     covered: NDArray[np.int64]  # of those touched, with a covered pixel
     fragments: NDArray[np.int64]  # covered pixels
+    edges: NDArray[np.int64]  # edge values
 
 
-def tiles_of(job: Job, queue: NDArray[np.int32]) -> TilesOfEntry:
-    """The tiles of queue entries (record, bin column, bin row), int32 [Q, 3]."""
-    parts = [TilesOfEntry(*[np.zeros(0, np.int64)] * 5)]
-    parts += [_tiles_of(job, queue[part]) for part in batches(np.full(len(queue), BIN), ROWS)]
+def tiles_of(job: Job, queue: NDArray[np.int32], of_boxed: int = 0, of_touched: int = 0, of_partly: int = 0) -> TilesOfEntry:
+    """The tiles of queue entries (record, bin column, bin row), int32 [Q, 3]; their fragments and edge values get their place.
+
+    Args:
+        of_boxed, of_touched, of_partly: edge values of each tile that the record's bounding box meets; besides, of one that no
+            edge rejects; besides, of one of these that the record does not fill.
+    """
+    parts = [TilesOfEntry(*[np.zeros(0, np.int64)] * 6)]
+    for part in batches(np.full(len(queue), BIN), ROWS):
+        parts.append(_tiles_of(job, queue[part], (of_boxed, of_touched, of_partly)))
     return TilesOfEntry(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
-def _tiles_of(job: Job, queue: NDArray[np.int32]) -> TilesOfEntry:
+def _tiles_of(job: Job, queue: NDArray[np.int32], edges: tuple[int, int, int]) -> TilesOfEntry:
     touched, full = tile_mask(job.records, queue, job.arithmetic)
+    boxed = boxed_tiles(job.records.bbox[queue[:, 0]], queue[:, 1], queue[:, 2])
+    of_boxed, of_touched, of_partly = edges
+    job.places.add_edges(of_boxed, *squares_in_boxes(in_bins(job.records.bbox[queue[:, 0]], queue[:, 1:], BIN), TILE)[1:])
+    job.places.add_edges(of_touched, *tiles_in(queue, touched)[1:])
+    job.places.add_edges(of_partly, *tiles_in(queue, touched & ~full)[1:])
     spans = scanline(job.records, queue, touched, np.zeros(0, np.int32), job.arithmetic).astype(np.int64)
+    job.places.add_spans(spans)
     record, y, lower, upper = spans.T
     # A span lies in one tile of one entry. Number both by record, row and column, which ascend with the queue.
     rows, columns = job.height // BIN + 1, job.width // BIN + 1
@@ -110,12 +155,36 @@ def _tiles_of(job: Job, queue: NDArray[np.int32]) -> TilesOfEntry:
     entry = np.searchsorted(numbers, _number(record, lower // BIN, y // BIN, rows, columns))
     _, once = np.unique(_number(record, lower // TILE, y // TILE, TILES * rows, TILES * columns), return_index=True)
     return TilesOfEntry(
-        boxed_tiles(job.records.bbox[queue[:, 0]], queue[:, 1], queue[:, 2]),
+        boxed,
         popcount(touched),
         popcount(full),
         np.bincount(entry[once], minlength=len(queue)),
         np.bincount(entry, weights=(upper - lower).astype(np.float64), minlength=len(queue)).astype(np.int64),
+        of_boxed * boxed + of_touched * popcount(touched) + of_partly * popcount(touched & ~full),
     )
+
+
+def tiles_in(queue: NDArray[np.int32], mask: NDArray[np.int64]) -> Squares:
+    """Of queue entries [Q, 3], the tiles whose bits are set in masks [Q]."""
+    entry, bit = np.nonzero(mask[:, None] >> np.arange(TILES * TILES) & 1)
+    _, column, row = queue[entry].astype(np.int64).T
+    return Squares(entry, BIN * column + TILE * (bit % TILES), BIN * row + TILE * (bit // TILES))
+
+
+def squares_in_boxes(boxes: NDArray[np.integer], size: int) -> Squares:
+    """Squares of ``size`` px, of a grid, that boxes [N, 4] meet."""
+    first = boxes[:, :2].astype(np.int64) // size
+    count = (boxes[:, 2:].astype(np.int64) - 1) // size + 1 - first
+    squares = count[:, 0] * count[:, 1]
+    box, place = np.repeat(np.arange(len(boxes)), squares), ramp(squares)
+    column, row = (first[box] + np.stack([place % count[box, 0], place // count[box, 0]], axis=1)).T
+    return Squares(box, size * column, size * row)
+
+
+def in_bins(boxes: NDArray[np.integer], place: NDArray[np.integer], size: int) -> NDArray[np.int64]:
+    """int64 [N, 4]: the parts of boxes that lie in bins of ``size`` px, whose columns and rows are [N, 2]."""
+    begin = size * place.astype(np.int64)
+    return np.hstack([np.maximum(boxes[:, :2], begin), np.minimum(boxes[:, 2:], begin + size)])
 
 
 def _number(
@@ -129,9 +198,8 @@ def touched_tiles(job: Job, queue: NDArray[np.int32]) -> tuple[NDArray[np.int64]
     image = np.zeros((TILES * (job.height // BIN + 1), TILES * (job.width // BIN + 1)), np.bool_)
     for part in batches(np.full(len(queue), BIN), ROWS):
         touched, _ = tile_mask(job.records, queue[part], job.arithmetic)
-        entry, bit = np.nonzero(touched[:, None] >> np.arange(TILES * TILES) & 1)
-        _, column, row = queue[part][entry].astype(np.int64).T
-        image[TILES * row + bit // TILES, TILES * column + bit % TILES] = True
+        _, x, y = tiles_in(queue[part], touched)
+        image[y // TILE, x // TILE] = True
     rows, columns = np.nonzero(image)
     return columns, rows
 
@@ -150,13 +218,9 @@ def boxed_tiles(
 def squares_of(job: Job, size: int) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
     """As ``binning`` has it of bins: int32 [C, 3], squares (record, column, row) of ``size`` px that bounding boxes meet, and
     bool [C], which of them no edge rejects."""
-    bbox = job.records.bbox.astype(np.int64)
-    first, count = bbox[:, :2] // size, (bbox[:, 2:] - 1) // size + 1 - bbox[:, :2] // size
-    squares = count[:, 0] * count[:, 1]
-    record, place = np.repeat(np.arange(len(bbox)), squares), ramp(squares)
-    column, row = (first[record] + np.stack([place % count[record, 0], place // count[record, 0]], axis=1)).T
-    kept = touches(sides_of(job.records, record, job.arithmetic), size * column, size * row, size)
-    return np.stack([record, column, row], axis=1).astype(np.int32), kept
+    record, x, y = squares_in_boxes(job.records.bbox, size)
+    kept = touches(sides_of(job.records, record, job.arithmetic), x, y, size)
+    return np.stack([record, x // size, y // size], axis=1).astype(np.int32), kept
 
 
 def pixels_in(job: Job, column: NDArray[np.integer], row: NDArray[np.integer], size: int) -> int:
@@ -185,7 +249,7 @@ def queued_bins(job: Job) -> tuple[NDArray[np.int32], TilesOfEntry, dict[str, in
     of both, where every tile that is touched is drawn."""
     bins = binning(job.records, -1, job.arithmetic)
     queue = bins.candidates[bins.kept]
-    tiles = tiles_of(job, queue)
+    tiles = tiles_of(job, queue, of_partly=3 * TILE * TILE)
     lengths = np.unique(queue[:, 1:], axis=0, return_counts=True)[1]
     return (
         queue,
@@ -203,7 +267,7 @@ def queued_bins(job: Job) -> tuple[NDArray[np.int32], TilesOfEntry, dict[str, in
             "tiles_rejected": int((tiles.boxed - tiles.touched).sum()),
             "tiles_accepted": int(tiles.full.sum()),
             "tiles_empty": int((tiles.touched - tiles.covered).sum()),
-            "edges_64": 3 * len(bins.kept),
+            "edges_64": job.places.add_bins(3, bins.candidates),
             "fragments": int(tiles.fragments.sum()),
             "atomics": len(queue),
         },
@@ -220,8 +284,9 @@ def record_bytes(arithmetic: Arithmetic) -> int:
     return 88 if arithmetic.precision.depth == "float32_cell" else 96
 
 
-def load(work: NDArray[np.int64]) -> dict[str, int]:
-    """The counters of the load, of the work of each task that draws."""
+def load(job: Job, work: NDArray[np.int64]) -> dict[str, int]:
+    """The counters of the load, of the work of each task that draws, which ``job.places`` keeps."""
+    job.places.tasks = work[work > 0]
     return {
         "tasks": int(np.count_nonzero(work)),
         "work": int(work.sum()),

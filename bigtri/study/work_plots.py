@@ -23,7 +23,7 @@ from ..rendering.views import triangle_ids
 from .compare import Job
 from .pyplot import Axes, FuncFormatter, LogLocator, LogNorm, Normalize, plt
 
-_DECADES = 5  # of a logarithmic scale, below its highest value
+_DECADES = 5  # of a logarithmic scale, below its highest value; what is less has its lowest colour
 _COLORS = "inferno"
 _NOTHING = "0.82"  # the grey of what has no work
 _LEAST = 1e-2  # of a task's work over the mean, that is shown
@@ -38,8 +38,8 @@ def draw_all(job: Job, scene: str, variants: Sequence[str], folder: Path) -> lis
         scene: what it is called.
         variants: of ``bigtri.native.REGISTRY["cpu"][precision]``.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     maps = {variant: _map(job, variant) for variant in variants}
+    folder.mkdir(parents=True, exist_ok=True)
     height, width = job.resolution
     about = f"{scene}, {len(job.triangles)} triangles, {width}x{height} px, {job.precision}"
     return [
@@ -178,7 +178,7 @@ def _color_bar(figure: Any, panels: Sequence[Axes], scale: Normalize, title: str
     mappable = plt.cm.ScalarMappable(scale, _COLORS)
     bar = figure.colorbar(mappable, ax=figure.axes, location="right", shrink=0.8, aspect=40, pad=0.01)
     if isinstance(scale, LogNorm):
-        few = bar.vmax <= 200 * bar.vmin
+        few = bar.vmax <= 1000 * bar.vmin
         bar.ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     bar.set_label(title, size=8)

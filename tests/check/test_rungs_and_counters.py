@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import torch
 from cases import CASES, Case, from_pixels
+from counting import on_grid, soup
 from operators import call
 
 import bigtri
-from bigtri import native
+from bigtri import native, reference
 from bigtri.check import counters, stages
 from bigtri.precision import PRECISIONS, RUNGS
 from bigtri.reference.variants import MODELS, Model
@@ -224,6 +225,20 @@ def test_counters_of_other_parameters_are_the_reference_s(variant: str) -> None:
         with threads(1):
             both = [counters.count(*case, **how, backend=b) for b in ("reference", "native")]
         assert both[0] == both[1], p.name
+
+
+@pytest.mark.parametrize("scissor", [None, (5, 6, 18, 9), (5, 6, 7, 8)])
+@pytest.mark.parametrize("size", [300, 1500])
+def test_tiny_triangles_that_cover_nothing_have_no_record(size: int, scissor: tuple[int, int, int, int] | None) -> None:
+    """Of boxes of one and two columns and rows, also of triangles that the scissor cuts, tiny ones and others."""
+    rng = np.random.default_rng(size)
+    xy = rng.integers(0, (40 * 256, 24 * 256), (600, 1, 2)) + rng.integers(-size, size + 1, (600, 3, 2))
+    mesh = soup(on_grid(xy, rng.uniform(0.1, 0.9, (600, 3)), (24, 40)).astype(np.float32))
+    given = Case(*mesh, (24, 40))
+    count, model = (counters.count(*given, variant="scanline", scissor=scissor, backend=b) for b in ("native", "reference"))
+    records, _ = reference.setup(*mesh, 24, 40, "none", scissor)
+    assert count == model and count["records"] > 0
+    assert count["records"] < len(records.xy) or size > 300
 
 
 HAVE = {name: [v for v in VARIANTS if name in native.REGISTRY["cpu"]["exact"][v].parameters] for name in ("room", "share")}

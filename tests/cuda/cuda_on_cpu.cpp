@@ -292,9 +292,80 @@ void run_grid(dim3 grid, dim3 block, size_t shared_bytes, const std::function<vo
   }
 }
 
+std::map<const void*, Bind> kernels_seen;
+
+// Graphs are rows of kernels that were launched before; what cannot be in one is refused.
+struct CUgraphNode_st {
+  size_t place;
+};
+struct CUgraph_st {
+  std::list<CUgraphNode_st> nodes;
+  std::vector<cudaKernelNodeParams> kernels;
+  std::vector<std::function<void()>> bodies;
+  size_t edges = 0;
+
+  void set(size_t place, const cudaKernelNodeParams& kernel) {
+    kernels[place] = kernel;
+    bodies[place] = kernels_seen.at(kernel.func)(kernel.kernelParams);
+  }
+};
+struct CUgraphExec_st : CUgraph_st {};
+static int graphs_launched = 0;
+
 // A device of two multiprocessors with room for a block each, so that blocks take several turns; of an old kind, so
 // that launches do not overlap.
 extern "C" {
+cudaError_t cudaStreamIsCapturing(cudaStream_t, cudaStreamCaptureStatus* status) {
+  *status = cudaStreamCaptureStatusNone;
+  return cudaSuccess;
+}
+cudaError_t cudaThreadExchangeStreamCaptureMode(cudaStreamCaptureMode*) { return cudaSuccess; }
+cudaError_t cudaGetLastError() { return cudaSuccess; }
+cudaError_t cudaGraphCreate(cudaGraph_t* graph, unsigned) {
+  *graph = new CUgraph_st;
+  return cudaSuccess;
+}
+cudaError_t cudaGraphDestroy(cudaGraph_t graph) {
+  delete graph;
+  return cudaSuccess;
+}
+cudaError_t cudaGraphAddKernelNode(cudaGraphNode_t* node, cudaGraph_t graph, const cudaGraphNode_t*, size_t,
+                                   const cudaKernelNodeParams* kernel) {
+  graph->nodes.push_back({graph->kernels.size()});
+  graph->kernels.emplace_back();
+  graph->bodies.emplace_back();
+  graph->set(graph->nodes.back().place, *kernel);
+  *node = &graph->nodes.back();
+  return cudaSuccess;
+}
+#if CUDART_VERSION < 13000
+#define cudaGraphAddDependencies cudaGraphAddDependencies_v2
+#endif
+cudaError_t cudaGraphAddDependencies(cudaGraph_t graph, const cudaGraphNode_t* from, const cudaGraphNode_t* to,
+                                     const cudaGraphEdgeData* edge, size_t count) {
+  ++graph->edges;
+  return count == 1 && (*from)->place + 1 == (*to)->place && edge->type == 0 ? cudaSuccess : cudaErrorInvalidValue;
+}
+cudaError_t cudaGraphInstantiate(cudaGraphExec_t* exec, cudaGraph_t graph, unsigned long long) {
+  if (graph->edges + 1 != graph->nodes.size()) return cudaErrorInvalidValue;
+  *exec = new CUgraphExec_st{*graph};
+  return cudaSuccess;
+}
+cudaError_t cudaGraphExecDestroy(cudaGraphExec_t exec) {
+  delete exec;
+  return cudaSuccess;
+}
+cudaError_t cudaGraphExecKernelNodeSetParams(cudaGraphExec_t exec, cudaGraphNode_t node,
+                                             const cudaKernelNodeParams* kernel) {
+  exec->set(node->place, *kernel);
+  return cudaSuccess;
+}
+cudaError_t cudaGraphLaunch(cudaGraphExec_t exec, cudaStream_t) {
+  ++graphs_launched;
+  for (size_t i = 0; i < exec->kernels.size(); ++i)
+    run_grid(exec->kernels[i].gridDim, exec->kernels[i].blockDim, exec->kernels[i].sharedMemBytes, exec->bodies[i]);
+  return cudaSuccess;
+}
 cudaError_t cudaGetDevice(int* device) {
   *device = 0;
   return cudaSuccess;
@@ -319,6 +390,7 @@ cudaError_t cudaMemsetAsync(void* p, int value, size_t bytes, cudaStream_t) {
   return cudaSuccess;
 }
 void set_order(int v) { order = v; }
+int launched_graphs() { return graphs_launched; }
 
 // Of parameter i of a variant: its name, or null where there is none; its standard, lowest and highest value; the
 // values allowed, ending with -1, or null for all.

@@ -9,6 +9,9 @@
 #include <cstdlib>
 #include <cstring>
 #include <functional>
+#include <map>
+#include <tuple>
+#include <utility>
 
 #undef __noinline__
 #define __noinline__ __attribute__((noinline))
@@ -130,6 +133,12 @@ T atomicOr(T* p, V v) {
   return before;
 }
 
+template <class T, class V>
+T atomicExch(T* p, V v) {
+  const T before = *p;
+  *p = (T)v;
+  return before;
+}
 template <class T>
 T atomicCAS(T* p, T expected, T v) {
   const T before = *p;
@@ -137,8 +146,21 @@ T atomicCAS(T* p, T expected, T v) {
   return before;
 }
 
+// What calls a kernel with copies of the parameters that it is given pointers to; known once the kernel was launched.
+using Bind = std::function<std::function<void()>(void**)>;
+extern std::map<const void*, Bind> kernels_seen;
+
+template <class... Parameters, size_t... kOrder>
+Bind bind_of(void (*kernel)(Parameters...), std::index_sequence<kOrder...>) {
+  return [kernel](void** given) -> std::function<void()> {
+    return
+        [kernel, values = std::make_tuple(*static_cast<Parameters*>(given[kOrder])...)] { std::apply(kernel, values); };
+  };
+}
+
 template <class... Parameters, class... Arguments>
 cudaError_t run_configured(const cudaLaunchConfig_t* c, void (*kernel)(Parameters...), Arguments... arguments) {
+  kernels_seen[reinterpret_cast<const void*>(kernel)] = bind_of(kernel, std::index_sequence_for<Parameters...>());
   run_grid(c->gridDim, c->blockDim, c->dynamicSmemBytes, [&] { kernel(arguments...); });
   return cudaSuccess;
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import importlib
 import itertools
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -31,6 +32,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
 ]
 
+BENCH = Path(__file__).parents[2] / "bench"
 PIXELS = 150_000  # of cases that are not too large
 # Ways through the kernels, and with them every value of those parameters that choose one.
 WAYS = ({"few": 65536}, {"few": 64}, {"few": 0})
@@ -210,6 +212,28 @@ def test_an_index_out_of_range_is_dropped_and_counted(variant: str) -> None:
     assert_right([job(seen, variant, s, triangles=wrong, dropped=dropped) for s in paths])
 
 
+def test_frames_that_launch_the_same_kernels() -> None:
+    """The first one's are launched one by one, later ones by a graph, with parameters and sizes of their own."""
+    library = cuda_on_cpu.kernels()
+    jobs = [
+        job(case_of(name), "bin_owned", {"few": 0, "share": 8, "warps": warps})
+        for warps in (4, 8)
+        for name in ("mixed", "crowded", "clipped_fans")
+    ]
+
+    def graphs() -> list[str]:
+        found, counts = [], []
+        for number in (0, 1, 2, 3, 0, 4, 1):
+            packed, depth, _ = cuda_on_cpu.draw(library, jobs[number])
+            same = (packed == jobs[number].packed).all() and (depth.view("i4") == jobs[number].depth.view("i4")).all()
+            found += [] if same else [f"frame of job {number}"]
+            counts.append(library.launched_graphs())
+        return found if counts == [0, 1, 2, 2, 3, 4, 5] else [*found, f"graphs: {counts}"]
+
+    said = cuda_on_cpu.in_children([graphs])
+    assert not said, said
+
+
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_nothing_to_draw(variant: str) -> None:
     none = Case(np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32), (70, 131))
@@ -282,14 +306,31 @@ def test_counters(tmp_path: Path) -> None:
     for variant, name in itertools.product(cuda_on_cpu.COUNTED, (*ODD, "many_small")):
         case = case_of(name)
         records, _ = reference.setup(case.positions, case.triangles, *case.resolution)
-        model = counters.count(*case, variant="scanline", backend="reference")
-        wanted = {key: model[key] for key in ("records", "fragments")}
+        fragments = counters.count(*case, variant="scanline", backend="reference")["fragments"]
+        wanted = {"records": len(records.xy), "fragments": fragments}
         if variant in ENTRIES:
-            wanted |= {"by_tiles": model["records"], "entries": int(ENTRIES[variant](records).sum())}
+            wanted |= {"by_tiles": len(records.xy), "entries": int(ENTRIES[variant](records).sum())}
         else:
-            wanted |= {"by_rows": model["records"]}
+            wanted |= {"by_rows": len(records.xy)}
         found = np.zeros(len(native.COUNTERS), np.int64)
         cuda_on_cpu.draw(library, job(case, variant, {"early_z": 0}), found)
         counted = dict(zip(native.COUNTERS, found.tolist(), strict=True))
         assert wanted == {key: counted[key] for key in wanted}, (variant, name)
         assert counted["overflows"] == 0
+
+
+@pytest.mark.skipif(not BENCH.exists(), reason="bench/ is not here")
+def test_fragments_of_the_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernels of bench/fragments.cu: all ways end in the same picture, and the bits are those of ``scanline``."""
+    monkeypatch.syspath_prepend(str(BENCH))
+    fragments, cases_of = map(importlib.import_module, ("fragments", "variant_cases"))
+    monkeypatch.setattr(cases_of, "AT_LEAST", 1)
+    folder = tmp_path / "build"
+    cuda_on_cpu.copy_sources(folder)
+    there = [cuda_on_cpu.unchanged("exact") / f"{name}.o" for name in (*cuda_on_cpu.SOURCES, "cuda_on_cpu")]
+    built = cuda_on_cpu.compile_and_link(folder, [BENCH / "fragments.cu"], there, "exact", "-Og", f"-I{folder}")
+    built.fragments_srgb.restype = ctypes.c_int64
+    for name, size in (("R4k", (96, 64)), ("S2", (320, 240)), ("S4b", (96, 64))):
+        rows = fragments.Scene(built, "cpu", name, *size).rows(0, fragments.whence("cpu"))
+        assert [(row.way, row.differing_px) for row in rows] == [(way, 0) for way in fragments.WAYS]
+        assert rows[0].covered_px > 100

@@ -146,6 +146,21 @@ def test_threads_with_streams_of_their_own(variant):
                 assert_same(wanted[name], seen, name)
 
 
+def test_frames_of_many_sizes(variant, path):
+    """Kernels that are launched again, with other parameters, grids, outputs, and in other streams."""
+    arguments = {name: uploaded(Scene(name)) for name in NAMES}
+    whole = {name: expected(Scene(name)) for name in NAMES}
+    positions, triangles, _ = arguments["mixed"]
+    sizes = [(1, 1), (64, 64), (33, 150), (200, 7), (256, 256)]
+    small = [bigtri.rasterize(positions.cpu(), triangles.cpu(), size).packed.to(DEVICE) for size in sizes]
+    for turn in range(40):
+        name, at = NAMES[turn % len(NAMES)], turn % len(sizes)
+        with torch.cuda.stream(torch.cuda.Stream() if turn % 7 == 0 else torch.cuda.current_stream()):
+            assert_same(whole[name], bigtri.rasterize(*arguments[name], variant=variant), (name, turn))
+            seen = bigtri.rasterize(positions, triangles, sizes[at], variant=variant, depth=turn % 3 == 0)
+            assert torch.equal(seen.packed, small[at]), (sizes[at], turn)
+
+
 @pytest.mark.parametrize("name", WAITING)
 def test_the_host_never_waits(name, variant, path):
     """torch's own check, and that the call returns while the stream is still busy; batches too."""

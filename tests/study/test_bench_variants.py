@@ -111,6 +111,21 @@ def test_tables_of_scenes():
     assert "| S2, 64x32 | 2 k | 2 k |" in text and "the device's allocator" in text
 
 
+def test_where_the_time_goes(monkeypatch):
+    """By the costs that the rows were made of."""
+    monkeypatch.setattr(tables, "SIZE", (64, 32))
+    monkeypatch.setattr(tables, "SHOWN", "R0,R1")
+    rows = of_prices(3, 20)
+    lines = tables.shares_table(rows).splitlines()[-2:]
+    shares = []
+    for one in rows[0], rows[2]:
+        parts = {"pixels": 0.5 * 64 * 32, "fragments": 2.0 * one.counters["fragments"]}
+        shares.append({name: round(100 * ns / sum(parts.values())) for name, ns in parts.items()})
+    wanted = [", ".join(f"{name} {n}" for name, n in sorted(of.items(), key=lambda item: -item[1]) if n >= 5) for of in shares]
+    assert lines[0] == f"| a | {wanted[0]} | {wanted[1]} |" and lines[1].startswith("| b | ")
+    assert tables.largest(np.array([0, 0, 1.0, 97, 2] + [0] * 6)) == "entries 97"
+
+
 def test_tables_of_settings():
     def swept(scene: str, us: float, setting: str, stored: int) -> rows_of.Row:
         return row(scene, "a", us, {"bytes": stored}, setting=setting, part="parameters")
@@ -145,9 +160,9 @@ def test_tables_of_distances():
     text = tables.distance(list(reversed(rows)))
     assert "| 2 | 0.5 | 0.01 | 1.06 | **1** | **1** |" in text.splitlines()
     assert [line.split(" ")[1] for line in text.splitlines() if line.startswith("|")][2:] == ["0.5", "2", "16"]
-    assert "a is ahead of b up to 0.5, behind from 16 on" in text and "c is ahead of b up to 0.5, behind from 16 on" in text
-    assert text.count(" is ahead of ") == 2  # a and c are never 10 % apart
-    assert "apart: none." in tables.distance(rows[:3]) and "| - |" in tables.distance([one._replace(counters={}) for one in rows])
+    assert "farther away: `c` behind b from 16 on; `a` behind b from 16 on." in text  # a and c are never 10 % apart
+    assert "farther away: none." in tables.distance(rows[:3])
+    assert "| - |" in tables.distance([one._replace(counters={}) for one in rows])
 
 
 def test_tables_of_motion_and_stages():
@@ -316,6 +331,21 @@ def test_the_time_is_over(tmp_path, capsys):
         variants.main(what)
     seen = capsys.readouterr()
     assert "--total is over: 2 cases left out, from S1 320x240" in seen.out and "nothing was measured" in seen.err
+
+
+def test_a_case_that_fails_does_not_stop_the_others(tmp_path, monkeypatch, capsys):
+    measure = cases_of.Case.measure
+
+    def failing(self, *given, **how):
+        if self.key.scene == "S1":
+            raise RuntimeError("no memory\nat all")
+        return measure(self, *given, **how)
+
+    monkeypatch.setattr(cases_of.Case, "measure", failing)
+    what = ["--parts", "scenes", "--scenes", "S1,S2", "--size", "320x240", "--seconds", "0", "--csv", str(tmp_path / "rows.csv")]
+    assert variants.main(what) == 1
+    assert {one.key.scene for one in rows_of.read(tmp_path / "rows.csv")} == {"S2"}
+    assert "FAILED S1 320x240: no memory\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

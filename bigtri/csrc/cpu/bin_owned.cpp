@@ -136,7 +136,7 @@ class Drawing {
  private:
   // Draws a group of views, of which view `first` is the first.
   void draw_group(int64_t first, const ProjectedFrame& group) {
-    const auto job_of = [&](int64_t view) { return setup_job(group, view, /*skips_empty=*/true); };
+    const auto job_of = [&](int64_t view) { return setup_job(group, view); };
     // Some 8 chunks per thread, of 64 to kMaxChunk triangles, at most as many as a batch has slots. A view without
     // triangles has none.
     const int64_t triangles = triangles_of_all(group);

@@ -25,9 +25,9 @@ struct ProjectedFrame : CheckedFrame {
   bool any_clipped;  // whether a triangle may cross a clip plane
 };
 
-inline SetupJob setup_job(const ProjectedFrame& frame, int64_t view, bool skips_empty = false) {
+inline SetupJob setup_job(const ProjectedFrame& frame, int64_t view) {
   const Vertex* vertices = frame.vertices ? frame.vertices + view * frame.vertex_view : nullptr;
-  return {view_of(frame, view), (int32_t)view, vertices, frame.lowest, skips_empty};
+  return {view_of(frame, view), (int32_t)view, vertices, frame.lowest};
 }
 
 // Projects the vertices of a frame's views, those of one after the other's, to `vertices`. Returns the OR of their flags.

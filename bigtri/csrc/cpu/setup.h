@@ -19,7 +19,6 @@ struct SetupJob {
   int32_t view;  // what records have as theirs
   const Vertex* vertices;  // projected; element 0 is vertex first_vertex. Null: set-up projects each corner by itself
   int64_t first_vertex;  // lowest index in use
-  bool skips_empty;  // whether tiny triangles that cover no pixel are looked for, and get no record
 };
 
 // A call, so that set-up from vertices that are projected has none of its code.

@@ -3,7 +3,8 @@
 //
 // Triangles that need no clipping are set up eight at a time: set-up is a third of the time of a mesh of small
 // triangles, and a triangle's orientation and first vertex are branches that nothing predicts. set_up_eight computes
-// what make_primitive (core/setup.h) and fill_record (core/record.h) compute, step by step.
+// what make_primitive (core/setup.h) and fill_record (core/record.h) compute, step by step. It leaves out what covers no
+// pixel where that is quickly seen.
 #pragma once
 
 #include "../core/resolve.h"
@@ -82,6 +83,8 @@ BIGTRI_INLINE i32x8 covers_nothing(const i32x8 x[3], const i32x8 y[3], const i32
 
 // Whether vectors hold what a rung's records are made of: snapped vertices of at most 25 bits, and nothing else.
 constexpr bool kSetsUpEight = Rung::kSubpixelBits <= 8 && !kUnsnapped;
+// Whether it is the rung's own coverage that covers_nothing computes.
+constexpr bool kSkipsEmpty = Rung::kCoverage == CoverageRule::kFixed && !Rung::kWraps;
 
 // Sets up the first `count` of eight triangles and returns the number of records.
 int set_up_eight(const SetupJob& job, const Eight& t, int count, Record* records, uint32_t* candidates) {
@@ -116,7 +119,7 @@ int set_up_eight(const SetupJob& job, const Eight& t, int count, Record* records
   rotate(z, second & (two == 0), two);
   const i32x8 longest = greatest(max_x - min_x, max_y - min_y);
   const i32x8 tiny = (longest < kTinyExtent) & (x1 - x0 < 3) & (y1 - y0 < 3);
-  if (job.skips_empty && (sign_mask(tiny) & kept)) {
+  if (kSkipsEmpty && (sign_mask(tiny) & kept)) {
     kept &= ~sign_mask(tiny & covers_nothing(x, y, x0, y0, x1 - x0, y1 - y0));
     if (!kept) return 0;
   }

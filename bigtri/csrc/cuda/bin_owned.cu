@@ -298,11 +298,13 @@ int64_t scratch_bytes(const Frame& f, const int64_t* values) {
 
 cudaError_t draw(const Frame& f, const int64_t* values, void* scratch, cudaStream_t stream) {
   const Values v = Values::of(values);
-  switch (warps_of(f, v)) {
-    case 4: return launch<4>(f, v, scratch, stream);
-    case kMostWarps: return launch<kMostWarps>(f, v, scratch, stream);
-    default: return launch<8>(f, v, scratch, stream);
-  }
+  return launch_as_one(stream, [&] {
+    switch (warps_of(f, v)) {
+      case 4: return launch<4>(f, v, scratch, stream);
+      case kMostWarps: return launch<kMostWarps>(f, v, scratch, stream);
+      default: return launch<8>(f, v, scratch, stream);
+    }
+  });
 }
 
 bool lists_areas(const Frame& f, const int64_t* values) { return !are_few(f, Values::of(values)); }

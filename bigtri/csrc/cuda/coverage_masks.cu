@@ -224,9 +224,7 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
-cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
-  Scratch scratch = {static_cast<char*>(memory)};
-  const Queues q = take_queues(&scratch, f, v);
+cudaError_t draw_view(const Frame& f, const Values& v, const Queues& q, cudaStream_t stream) {
   int blocks;
   BIGTRI_CUDA(blocks_for(draw_bins, kThreads, 0, q.count, v.blocks, &blocks));
   BIGTRI_CUDA(launch_clear(f, nullptr, q.zeros(), stream));
@@ -236,16 +234,7 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
   return launch_depth(f, v.blocks, stream);
 }
 
-int64_t scratch_bytes(const Frame& f, const int64_t* values) {
-  Scratch scratch = {nullptr};
-  take_queues(&scratch, f, Values::of(values));
-  return scratch.used;
-}
-
-cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
-  const Values v = Values::of(values);
-  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, memory, stream); });
-}
+using Drawn = ViewByView<Values, take_queues, draw_view>;
 
 }  // namespace
 
@@ -253,7 +242,7 @@ extern const CudaVariant coverage_masks_variant;
 const CudaVariant coverage_masks_variant = {
     "coverage_masks",
     "bins, the longest first, then tiles by 8x8 masks, fragments spread over lanes: CudaRaster's idea", kParameters,
-    scratch_bytes, draw};
+    Drawn::scratch_bytes, Drawn::draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -156,9 +156,7 @@ __global__ void __launch_bounds__(kThreads, 4)
   }
 }
 
-cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
-  Scratch scratch = {static_cast<char*>(memory)};
-  const Pyramid p = take_pyramid(&scratch, f, v);
+cudaError_t draw_view(const Frame& f, const Values& v, const Pyramid& p, cudaStream_t stream) {
   BIGTRI_CUDA(launch_clear(f, nullptr, p.zeros(), stream));
   BIGTRI_CUDA(launch_set_up(f, p, stream));
   int blocks;
@@ -167,23 +165,14 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
   return launch_next(walk_up, blocks, kThreads, 0, stream, f, p, v.early_z != 0);
 }
 
-int64_t scratch_bytes(const Frame& f, const int64_t* values) {
-  Scratch scratch = {nullptr};
-  take_pyramid(&scratch, f, Values::of(values));
-  return scratch.used;
-}
-
-cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
-  const Values v = Values::of(values);
-  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, memory, stream); });
-}
+using Drawn = ViewByView<Values, take_pyramid, draw_view>;
 
 }  // namespace
 
 extern const CudaVariant hierarchical_tiles_variant;
 const CudaVariant hierarchical_tiles_variant = {
     "hierarchical_tiles", "a pyramid of tiles, a triangle at the level where it meets few, owned pixels: Merchante",
-    kParameters, scratch_bytes, draw};
+    kParameters, Drawn::scratch_bytes, Drawn::draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

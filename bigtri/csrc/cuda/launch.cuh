@@ -3,6 +3,9 @@
 
 #include <cuda_runtime.h>
 
+#include <utility>
+
+#include "kept_graphs.h"
 #include "variant.h"
 
 namespace bigtri {
@@ -96,11 +99,45 @@ cudaError_t launch_with(cudaLaunchAttribute* attribute, void (*kernel)(Parameter
   return cudaLaunchKernelEx(&config, kernel, Parameters(arguments)...);
 }
 
+// overlaps: whether it may begin while the one in front of it still ends.
+template <class... Parameters, class... Arguments>
+cudaError_t launch_now(bool overlaps, void (*kernel)(Parameters...), int64_t blocks, int threads, int64_t shared_bytes,
+                       cudaStream_t stream, const Arguments&... arguments) {
+  cudaLaunchAttribute attribute = {};
+  attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
+  attribute.val.programmaticStreamSerializationAllowed = 1;
+  return launch_with(overlaps ? &attribute : nullptr, kernel, blocks, threads, shared_bytes, stream, arguments...);
+}
+
+// The same for what was noted, a kernel with these parameters; kOrder: 0, 1, ...
+template <class... Parameters, size_t... kOrder>
+cudaError_t launch_noted(const Launch& l, cudaStream_t stream, std::index_sequence<kOrder...>) {
+  return launch_now(l.overlaps, reinterpret_cast<void (*)(Parameters...)>(const_cast<void*>(l.kernel)), l.blocks,
+                    (int)l.threads, l.shared_bytes, stream, *static_cast<Parameters*>(l.parameters[kOrder])...);
+}
+
+template <class... Parameters, class... Arguments>
+cudaError_t launch_or_note(bool overlaps, void (*kernel)(Parameters...), int64_t blocks, int threads,
+                           int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
+  Launches* const noting = Launches::into(stream);
+  if (!noting) return launch_now(overlaps, kernel, blocks, threads, shared_bytes, stream, arguments...);
+  Launch l;
+  l.kernel = reinterpret_cast<const void*>(kernel);
+  l.put = [](const Launch& noted, cudaStream_t into) {
+    return launch_noted<Parameters...>(noted, into, std::index_sequence_for<Parameters...>());
+  };
+  l.blocks = (unsigned)blocks;
+  l.threads = (unsigned)threads;
+  l.shared_bytes = (unsigned)shared_bytes;
+  l.overlaps = overlaps;
+  return noting->note(l, Parameters(arguments)...);
+}
+
 // After all that is in the stream.
 template <class Kernel, class... Arguments>
 cudaError_t launch_first(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
                          const Arguments&... arguments) {
-  return launch_with(nullptr, kernel, blocks, threads, shared_bytes, stream, arguments...);
+  return launch_or_note(false, kernel, blocks, threads, shared_bytes, stream, arguments...);
 }
 
 // Behind another kernel of the same frame.
@@ -109,10 +146,7 @@ cudaError_t launch_next(Kernel kernel, int64_t blocks, int threads, int64_t shar
                         const Arguments&... arguments) {
   bool overlap;
   BIGTRI_CUDA(overlaps_launches(reinterpret_cast<const void*>(kernel), &overlap));
-  cudaLaunchAttribute attribute = {};
-  attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
-  attribute.val.programmaticStreamSerializationAllowed = 1;
-  return launch_with(overlap ? &attribute : nullptr, kernel, blocks, threads, shared_bytes, stream, arguments...);
+  return launch_or_note(overlap, kernel, blocks, threads, shared_bytes, stream, arguments...);
 }
 
 // All blocks at once, so that they may wait for each other; an error where they do not fit.
@@ -141,6 +175,31 @@ cudaError_t each_view(const Frame& f, const Draw& draw) {
   }
   return cudaSuccess;
 }
+
+// The kTake of a variant that works without memory.
+struct Nothing {};
+template <class Values>
+Nothing take_nothing(Scratch*, const Frame&, const Values&) {
+  return {};
+}
+
+// A variant that draws a view at a time, as the registry calls it. kTake(scratch, frame, values) lays out the memory that
+// every view uses again; kDraw(frame, values, what kTake gave, stream) draws one.
+template <class Values, auto kTake, auto kDraw>
+struct ViewByView {
+  static int64_t scratch_bytes(const Frame& f, const int64_t* values) {
+    Scratch scratch = {nullptr};
+    kTake(&scratch, f, Values::of(values));
+    return scratch.used;
+  }
+  static cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
+    const Values v = Values::of(values);
+    return each_view(frame, [&](const Frame& f) {
+      Scratch scratch = {static_cast<char*>(memory)};
+      return kDraw(f, v, kTake(&scratch, f, v), stream);
+    });
+  }
+};
 
 // The first of the next n places, or `room` where there are none left. The count goes on all the same, in 64 bits, so
 // that no number of triangles makes it wrap.

@@ -301,9 +301,7 @@ __global__ void __launch_bounds__(kThreads)
   if (blockIdx.x == 0 && threadIdx.x == 0) *f.dropped = (int64_t)__ldcg(&c->dropped);
 }
 
-cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
-  Scratch scratch = {static_cast<char*>(memory)};
-  const Job job = take_job(&scratch, f, v);
+cudaError_t draw_view(const Frame& f, const Values& v, const Job& job, cudaStream_t stream) {
   const char* end = reinterpret_cast<const char*>(job.bin_count + (int64_t)job.bins_x * job.bins_y);
   BIGTRI_CUDA(cudaMemsetAsync(job.counters, 0, (size_t)(end - reinterpret_cast<const char*>(job.counters)), stream));
   int blocks;
@@ -313,16 +311,7 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
   return launch_depth(f, v.blocks, stream);
 }
 
-int64_t scratch_bytes(const Frame& f, const int64_t* values) {
-  Scratch scratch = {nullptr};
-  take_job(&scratch, f, Values::of(values));
-  return scratch.used;
-}
-
-cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
-  const Values v = Values::of(values);
-  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, memory, stream); });
-}
+using Drawn = ViewByView<Values, take_job, draw_view>;
 
 }  // namespace
 
@@ -330,7 +319,7 @@ extern const CudaVariant persistent_variant;
 const CudaVariant persistent_variant = {
     "persistent",
     "one kernel that stays, a queue for each bin, a bin in shared memory: another project's; docs/cuda.md", kParameters,
-    scratch_bytes, draw};
+    Drawn::scratch_bytes, Drawn::draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

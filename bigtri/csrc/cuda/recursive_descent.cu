@@ -147,9 +147,9 @@ __global__ void __launch_bounds__(kThreads)
   });
 }
 
-cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
-  Scratch scratch = {static_cast<char*>(memory)};
-  const PairQueue q = take_pairs(&scratch, f, v.queue);
+PairQueue take(Scratch* scratch, const Frame& f, const Values& v) { return take_pairs(scratch, f, v.queue); }
+
+cudaError_t draw_view(const Frame& f, const Values& v, const PairQueue& q, cudaStream_t stream) {
   BIGTRI_CUDA(launch_clear(f, nullptr, q.zeros(), stream));
   if (f.count > 0) {
     int blocks;
@@ -160,23 +160,14 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
   return launch_depth(f, v.blocks, stream);
 }
 
-int64_t scratch_bytes(const Frame& f, const int64_t* values) {
-  Scratch scratch = {nullptr};
-  take_pairs(&scratch, f, Values::of(values).queue);
-  return scratch.used;
-}
-
-cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
-  const Values v = Values::of(values);
-  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, memory, stream); });
-}
+using Drawn = ViewByView<Values, take, draw_view>;
 
 }  // namespace
 
 extern const CudaVariant recursive_descent_variant;
 const CudaVariant recursive_descent_variant = {
     "recursive_descent", "a warp a bin of a record, 64 to 16 to 4 px by corner masks, atomics: Abrash, for Larrabee",
-    kParameters, scratch_bytes, draw};
+    kParameters, Drawn::scratch_bytes, Drawn::draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -65,7 +65,7 @@ __global__ void __launch_bounds__(kMostThreads) draw_triangles(const __grid_cons
   }
 }
 
-cudaError_t draw_view(const Frame& f, const Values& v, cudaStream_t stream) {
+cudaError_t draw_view(const Frame& f, const Values& v, Nothing, cudaStream_t stream) {
   BIGTRI_CUDA(launch_clear(f, nullptr, {}, stream));
   if (f.count > 0)
     BIGTRI_CUDA(launch_next(draw_triangles, grid_blocks(f.count, v.threads), (int)v.threads,
@@ -73,18 +73,13 @@ cudaError_t draw_view(const Frame& f, const Values& v, cudaStream_t stream) {
   return launch_depth(f, 0, stream);
 }
 
-int64_t scratch_bytes(const Frame&, const int64_t*) { return 0; }
-
-cudaError_t draw(const Frame& frame, const int64_t* values, void*, cudaStream_t stream) {
-  const Values v = Values::of(values);
-  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, stream); });
-}
+using Drawn = ViewByView<Values, take_nothing<Values>, draw_view>;
 
 }  // namespace
 
 extern const CudaVariant scanline_variant;
 const CudaVariant scanline_variant = {"scanline", "a thread a triangle, row by row, with atomics: Sui's first pipeline",
-                                      kParameters, scratch_bytes, draw};
+                                      kParameters, Drawn::scratch_bytes, Drawn::draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

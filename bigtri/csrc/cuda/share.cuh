@@ -265,6 +265,7 @@ template <Way kWay, class Rest>
 __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected, int widest,
                                            ShareShared<kWay>* shared, const Rest& rest) {
   constexpr bool kTogether = kWay == Way::kTogether, kRows = kWay != Way::kQueued;
+  constexpr bool kInParts = kWay == Way::kTested || kWay == Way::kQueued;
   constexpr int kWarps = block_warps(kWay);
   const int warp = computed_here((int)(threadIdx.x / kWarp));
   WarpShared* const s = &shared->warp[warp];
@@ -275,10 +276,9 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   const int64_t first_vertex = share.view * (f.view_stride / 4);
   int64_t* const pixels = pixels_of(f, share.view);
   const Vertex* const own_projected = projected ? projected + first_vertex : nullptr;  // of the view
-  // This warp's triangles, [begin, end), where it has its own.
-  const int each = sharing.each / kWarps;
-  const int32_t before = kTogether ? 0 : min_of(warp * share.step, share.count);
-  const int32_t begin = share.first + before, end = begin + min_of(each, share.count - before);
+  // This warp's triangles, [begin, end), where they are a part of the list.
+  const int32_t before = kInParts ? min_of(warp * share.step, share.count) : 0;
+  const int32_t begin = share.first + before, end = begin + min_of(share.step, share.count - before);
   if (kTogether) {
     // Each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of warp 0
     // is where the triangles end up.
@@ -290,6 +290,12 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   do {
     int32_t t = kTogether ? share.first + lane_id() * share.step : begin + lane_id();
     int count = kTogether ? (warp == 0 ? share.count : 0) : end - begin;
+    if (kWay == Way::kEven || kWay == Way::kApart) {
+      const int place = warp * kWarp + lane_id(), log = sharing.log_neighbours;
+      const int64_t offset = (int64_t)(place >> log) * share.step + (place & ((1 << log) - 1));
+      t = share.first + (int32_t)offset;
+      count = __popc(__ballot_sync(kAllLanes, offset < share.count));
+    }
     if (kWay == Way::kTested) {
       count = find_waiting(f, own_projected, end, search);
       t = search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))];

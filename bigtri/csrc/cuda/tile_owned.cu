@@ -131,9 +131,7 @@ __global__ void __launch_bounds__(kThreads, 4)
   }
 }
 
-cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
-  Scratch scratch = {static_cast<char*>(memory)};
-  const Tiles t = take_tiles(&scratch, f, v);
+cudaError_t draw_view(const Frame& f, const Values& v, const Tiles& t, cudaStream_t stream) {
   const int64_t regions = (int64_t)((f.view.width + kRegion - 1) / kRegion) * ((f.view.height + kRegion - 1) / kRegion);
   int filling, drawing;
   BIGTRI_CUDA(blocks_for(fill_ranges, kThreads, 0, (f.count + kWarps - 1) / kWarps, v.blocks, &filling));
@@ -145,23 +143,14 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
   return launch_next(draw_regions, drawing, kThreads, 0, stream, f, t, v.early_z != 0);
 }
 
-int64_t scratch_bytes(const Frame& f, const int64_t* values) {
-  Scratch scratch = {nullptr};
-  take_tiles(&scratch, f, Values::of(values));
-  return scratch.used;
-}
-
-cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
-  const Values v = Values::of(values);
-  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, memory, stream); });
-}
+using Drawn = ViewByView<Values, take_tiles, draw_view>;
 
 }  // namespace
 
 extern const CudaVariant tile_owned_variant;
 const CudaVariant tile_owned_variant = {
     "tile_owned", "entries grouped by tile, a warp owns 16x16 px and writes each once, hierarchical z: this project's",
-    kParameters, scratch_bytes, draw};
+    kParameters, Drawn::scratch_bytes, Drawn::draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

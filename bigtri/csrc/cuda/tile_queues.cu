@@ -112,9 +112,11 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
-cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
-  Scratch scratch = {static_cast<char*>(memory)};
-  const BinQueues q = take_bin_queues(&scratch, f, v.queue, v.room, kWideBin);
+BinQueues take(Scratch* scratch, const Frame& f, const Values& v) {
+  return take_bin_queues(scratch, f, v.queue, v.room, kWideBin);
+}
+
+cudaError_t draw_view(const Frame& f, const Values& v, const BinQueues& q, cudaStream_t stream) {
   int blocks;
   BIGTRI_CUDA(blocks_for(draw_bins, kThreads, 0, q.count, v.blocks, &blocks));
   BIGTRI_CUDA(launch_clear(f, nullptr, q.zeros(), stream));
@@ -123,24 +125,14 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
   return launch_depth(f, v.blocks, stream);
 }
 
-int64_t scratch_bytes(const Frame& f, const int64_t* values) {
-  const Values v = Values::of(values);
-  Scratch scratch = {nullptr};
-  take_bin_queues(&scratch, f, v.queue, v.room, kWideBin);
-  return scratch.used;
-}
-
-cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
-  const Values v = Values::of(values);
-  return each_view(frame, [&](const Frame& f) { return draw_view(f, v, memory, stream); });
-}
+using Drawn = ViewByView<Values, take, draw_view>;
 
 }  // namespace
 
 extern const CudaVariant tile_queues_variant;
 const CudaVariant tile_queues_variant = {
     "tile_queues", "queues of 128 px bins, then of 8 px tiles, then pixels: Sui's second pipeline", kParameters,
-    scratch_bytes, draw};
+    Drawn::scratch_bytes, Drawn::draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

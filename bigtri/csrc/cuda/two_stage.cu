@@ -58,9 +58,7 @@ __global__ void __launch_bounds__(kThreads)
 
 // kRows: whether the rung has the kernels that draw by rows.
 template <bool kRows>
-cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
-  Scratch scratch = {static_cast<char*>(memory)};
-  Queue q = take_queue(&scratch, f, v);
+cudaError_t draw_view(const Frame& f, const Values& v, Queue q, cudaStream_t stream) {
   Sharing sharing;
   int64_t set_up_blocks;
   Way way = Way::kQueued;
@@ -90,16 +88,7 @@ cudaError_t draw_view(const Frame& f, const Values& v, void* memory, cudaStream_
   return launch_depth(f, v.blocks, stream);
 }
 
-int64_t scratch_bytes(const Frame& f, const int64_t* values) {
-  Scratch scratch = {nullptr};
-  take_queue(&scratch, f, Values::of(values));
-  return scratch.used;
-}
-
-cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
-  const Values v = Values::of(values);
-  return each_view(frame, [&](const Frame& f) { return draw_view<kHasRows>(f, v, memory, stream); });
-}
+using Drawn = ViewByView<Values, take_queue, draw_view<kHasRows>>;
 
 }  // namespace
 
@@ -107,7 +96,7 @@ extern const CudaVariant two_stage_variant;
 const CudaVariant two_stage_variant = {
     "two_stage",
     "two stages with one global queue of (record, bin) pairs between them, atomics: another project's; docs/cuda.md",
-    kParameters, scratch_bytes, draw};
+    kParameters, Drawn::scratch_bytes, Drawn::draw};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -38,6 +38,7 @@ constexpr Way way_of(int64_t each) {
 
 struct Sharing {
   int each;  // triangles of a block
+  int log_neighbours;  // even and apart: log2 of how many of them lie next to each other in the list
   uint32_t blocks;  // of a view, if all draw the same triangles
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
@@ -48,21 +49,38 @@ constexpr double kTinyPixels = 0.8, kSmallPixels = 16, kLargePixels = 1 << 14;
 inline double pixels_each(const Frame& f) {
   return (double)f.views * f.view.width * f.view.height / (double)max_of<int64_t>(triangles_of_all(f), 1);
 }
-// Triangles for each block that the device holds at once, if some may be large; else half as many.
-constexpr int64_t kMostTogether = 224;
+// Times that kEven's blocks fill the device, from which on it does not matter what each of them has to do.
+constexpr int64_t kTurns = 4;
+// Triangles for each block that the device holds at once, up to which blocks draw theirs together; half as many again if
+// some may be large, which a warp had better not draw alone.
+constexpr int64_t kMostTogether = 112;
 
 // Triangles of a block such that there are blocks for a device that holds so many of kEven's warps at once. projected:
 // whether there is memory for the vertices, which testing needs.
 inline int share_size(const Frame& f, int64_t resident, bool projected) {
   const int64_t total = triangles_of_all(f);
   const double pixels = pixels_each(f);
-  if (total > resident * kOfEven)  // more blocks than the device holds even out by themselves
-    return projected && pixels <= kTinyPixels && total > resident * kOfEven * 4 ? kOfTested : kOfApart;
-  if (total > resident * (pixels >= kSmallPixels ? kMostTogether : kMostTogether / 2)) return kOfEven;
+  if (projected && pixels <= kTinyPixels && total > resident * kOfEven * kTurns) return kOfTested;
+  // Warps need no help where all triangles are small, or where blocks take turns, which evens out what they have to do.
+  if (pixels < kSmallPixels) {
+    if (total > resident * kMostTogether) return kOfApart;
+  } else if (total > resident * (kMostTogether * 3 / 2)) {
+    return total > resident * kOfEven ? kOfApart : kOfEven;
+  }
   int each = 4;
   while (each < kWarp && total > resident * each) each *= 2;
   return each;
 }
+
+// Log2 of how many of a block's triangles lie next to each other in the list, where warps have their own. Those in a row
+// share vertices and are alike, in size and in whether they have to be clipped: they take less memory to read, and some
+// blocks have far more to do than others.
+inline int log_neighbours(const Frame& f, Way way, int64_t resident) {
+  // Many turns and many views even out by themselves: as many as the block has, or a warp of those that help each other.
+  if (f.views > 1 || triangles_of_all(f) > resident * kOfEven * kTurns) return way == Way::kApart ? 7 : 5;
+  return way == Way::kApart ? 1 : 0;  // a quadrangle's two triangles are mostly neighbours; even is there for balance
+}
+static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 
 // Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones. Nor do
 // the blocks of a few triangles, where most of the device has nothing to do. Where an image has many pixels, what waits
@@ -84,6 +102,7 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   int resident;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), block_threads(Way::kEven), 0, &resident));
   s->each = each > 0 ? (int)each : share_size(f, resident, projected);
+  s->log_neighbours = log_neighbours(f, way_of(s->each), resident);
   s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
   s->ranges = ranges;
   *blocks = (int64_t)s->blocks * f.views;
@@ -121,11 +140,9 @@ cudaError_t with_way(Way way, const Launch& launch) {
   }
 }
 
-// A block's share of a view's triangles. Together: first, first + step, ..., `count` of them. Else `each` in a row for
-// each warp, from first, first + step, ... on, as far as `count` reaches from the first one.
-//
-// Where warps draw together or help each other, a block's triangles lie as far apart in the list as they can: neighbours
-// are alike in size, and what has to be clipped comes in rows.
+// A block's share of a view's triangles. Together: first, first + step, ..., `count` of them. Even and apart: groups of
+// neighbours that begin at first, first + step, ..., as far as `count` reaches from the first triangle. Tested and queued:
+// parts for each warp that begin so, each of triangles in a row, as far as `count` reaches.
 struct Share {
   int32_t view, first, step, count;
 };
@@ -168,12 +185,16 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
     share.first += (int32_t)block;
     share.step = (int32_t)blocks;
     share.count = (all - 1 - (int32_t)block) / (int32_t)blocks + 1;
-  } else {
-    const int each = s.each / block_warps(kWay);
-    const int32_t before = (int32_t)block * (kWay == Way::kEven ? each : s.each);
+  } else if (kWay == Way::kEven || kWay == Way::kApart) {
+    const int32_t before = (int32_t)(block << s.log_neighbours);
     share.first += before;
-    share.step = kWay == Way::kEven ? (int32_t)blocks * each : each;
-    share.count = kWay == Way::kEven ? all - before : min_of(s.each, all - before);
+    share.step = (int32_t)(blocks << s.log_neighbours);
+    share.count = all - before;
+  } else {
+    const int32_t before = (int32_t)block * s.each;
+    share.first += before;
+    share.step = s.each / block_warps(kWay);
+    share.count = min_of(s.each, all - before);
   }
   return share;
 }

@@ -17,7 +17,7 @@ class Model(Protocol):
     OWNS_PIXELS: bool  # whether a pixel is one task's, which stores it; else many offer it fragments with an atomic minimum
 
     def count(self, job: Job) -> dict[str, int]:
-        """What the variant counts in one view, by the counter's name, drawn by one thread."""
+        """What the variant counts in one view, by the counter's name, drawn by one thread; adds to ``job.places``."""
 
 
 MODELS: dict[str, Model] = {module.name: import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)}

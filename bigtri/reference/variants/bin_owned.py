@@ -12,9 +12,8 @@ from ..clip import clip_planes
 from ..coverage import fills, is_inside, sides_of
 from ..depth import bound_depth, depth
 from ..numerics import BIN, TILE, TILES
-from ..records import Records
 from ..tile_mask import tile_mask
-from ..work import Job, Pixels, boxed_tiles, load, pack, record_bytes
+from ..work import Job, Pixels, boxed_tiles, extent, load, pack, record_bytes
 
 # Of the variant's parameters; kStandardRecords and kStandardCandidates of csrc/cpu/bin_owned.cpp.
 STANDARD = {"records": 1 << 18, "candidates": 1 << 23}
@@ -22,7 +21,6 @@ REJECTS_BY_DEPTH = ""  # it does, in an order that threads do not decide: that o
 OWNS_PIXELS = True
 _DIRECT_PIXELS = 384  # px of bbox; kDirectPixels of csrc/cpu/setup.h
 _DIRECT_EXTENT = 1024  # px; kDirectExtent of csrc/core/record.h
-_TINY_EXTENT = 4  # px; kTinyExtent of csrc/cpu/setup.inl
 _BLOCK = 96  # large records; kBlock of csrc/cpu/bin_owned.inl
 _MOST_PARTS = 26  # of a clipped triangle; kMaxSubTriangles of csrc/core/clip.h
 _ENTRY_BYTES = 8 + 4  # a pair, and its place in the bin's list
@@ -35,10 +33,9 @@ def count(job: Job) -> dict[str, int]:
     Raises:
         ValueError: the view takes more than one pass.
     """
-    job = job._replace(records=_without_empty(job))
     records, arithmetic = job.records, job.arithmetic
     everything = binning(records, -1, arithmetic)
-    large = (bbox_pixels(records) > _DIRECT_PIXELS) | (_extent(records) > _DIRECT_EXTENT * arithmetic.subpixel)
+    large = (bbox_pixels(records) > _DIRECT_PIXELS) | (extent(records) > _DIRECT_EXTENT * arithmetic.subpixel)
     of_large = large[everything.candidates[:, 0]]
     _check_one_pass(job, len(of_large))
     queue = everything.candidates[~of_large | everything.kept]  # by record
@@ -55,7 +52,7 @@ def count(job: Job) -> dict[str, int]:
         "bins_tested": tested,
         "bins_rejected": tested - int(of_large_queued.sum()),
         "bins_accepted": int(full.sum()),
-        "edges_64": 3 * (tested + int(of_large_queued.sum())),
+        "edges_64": job.places.add_bins(3, everything.candidates[of_large]) + job.places.add_bins(3, queue[of_large_queued]),
     }
     work = []
     for column, row in np.unique(queue[:, 1:], axis=0):
@@ -64,28 +61,7 @@ def count(job: Job) -> dict[str, int]:
         work.append(found["edges_64"] + found["edges_32"] + found["fragments"])
         for name, n in found.items():
             total[name] = total.get(name, 0) + n
-    return {**total, **load(np.array(work, np.int64))}
-
-
-def _extent(records: Records) -> NDArray[np.int32]:
-    """The larger of width and height [N], subpx."""
-    span = records.xy.max(axis=1, initial=-(2**31)) - records.xy.min(axis=1, initial=2**31 - 1)
-    extent: NDArray[np.int32] = span.max(axis=1, initial=0)
-    return extent
-
-
-def _without_empty(job: Job) -> Records:
-    """The records but those that set-up leaves out: tiny, not clipped, with a bbox of at most 2x2 px and none of it covered."""
-    records, arithmetic = job.records, job.arithmetic
-    first, size = records.bbox[:, :2].astype(np.int64), records.bbox[:, 2:] - records.bbox[:, :2]
-    tiny = ~records.clipped & (_extent(records) < _TINY_EXTENT * arithmetic.subpixel) & (size <= 2).all(axis=1)
-    sides = sides_of(records, np.arange(len(records.xy)), arithmetic)
-    covers = np.zeros(len(records.xy), np.bool_)
-    for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        inside = is_inside(sides, first[:, 0] + x, first[:, 1] + y).all(axis=1)
-        covers |= inside & (x < size[:, 0]) & (y < size[:, 1])
-    kept = covers | ~tiny
-    return Records(*(field if field is None else field[kept] for field in records))
+    return {**total, **load(job, np.array(work, np.int64))}
 
 
 def _check_one_pass(job: Job, candidates: int) -> None:
@@ -147,8 +123,8 @@ class _Bin:
             if not self.full[e]:
                 boxed = int(boxed_tiles(self.job.records.bbox[self.queue[e : e + 1, 0]], *self.queue[e : e + 1, 1:].T)[0])
                 touched = int(self.touched[e].sum())
-                self.counts["edges_64"] += 6
-                self.counts["edges_32"] += 6 * TILES * TILES
+                self.counts["edges_64"] += self.job.places.add_edges(6, self.left, self.top, BIN)
+                self.counts["edges_32"] += self.job.places.add_edges(6 * TILES * TILES, self.left, self.top, BIN)
                 self.counts["tiles_tested"] += boxed
                 self.counts["tiles_rejected"] += boxed - touched
                 self.counts["tiles_accepted"] += int(self.filled[e].sum())
@@ -176,7 +152,9 @@ class _Bin:
             partly = visible & ~self.filled[e]
             covered = self._of_tiles(visible) & (self._of_tiles(self.filled[e]) | self._inside(e))
             some = covered.reshape(TILES, TILE, TILES, TILE).any(axis=(1, 3)).reshape(-1)
-            self.counts["edges_32"] += 3 * TILE * TILE * int(partly.sum())
+            tile = np.flatnonzero(partly)
+            place = self.left + TILE * (tile % TILES), self.top + TILE * (tile // TILES)
+            self.counts["edges_32"] += self.job.places.add_edges(3 * TILE * TILE, *place)
             self.counts["tiles_empty"] += int((partly & ~some).sum())
             self._offer(e, covered)
 
@@ -189,9 +167,9 @@ class _Bin:
         if self.zmin[e] > self.bin_far or (self.bounded.any() and (self.zmin[e] > self.tile_far[tiles]).all()):
             self.counts["bins_hidden"] += 1
             return
-        columns = -(-(x1 - x0) // _LANES)
-        self.counts["edges_64"] += 3
-        self.counts["edges_32"] += 3 * _LANES * int(columns * (y1 - y0))
+        self.counts["edges_64"] += self.job.places.add_edges(3, self.left + x0, self.top + y0)
+        lanes = np.meshgrid(self.left + np.arange(x0, x1, _LANES), self.top + np.arange(y0, y1))
+        self.counts["edges_32"] += self.job.places.add_edges(3 * _LANES, *lanes)
         self._offer(e, boxed & self._inside(e))
 
     def _inside(self, e: int) -> NDArray[np.bool_]:
@@ -212,7 +190,7 @@ class _Bin:
     def _offer(self, e: int, covered: NDArray[np.bool_]) -> None:
         y, x = np.nonzero(covered)
         self.offered.append(np.stack([np.full_like(x, e), x, y], axis=1))
-        self.counts["fragments"] += len(x)
+        self.counts["fragments"] += self.job.places.add_fragments(self.left + x, self.top + y)
 
     def _pixels(self) -> dict[str, Any]:
         """What passes, in the order in which it was offered; and what is stored."""

@@ -8,6 +8,7 @@ from ..work import Job, check_one_round, load, passing, pixels_in, queued_bins, 
 STANDARD = {"share": 256, "room": 256}  # of the variant's parameters
 REJECTS_BY_DEPTH = ""
 OWNS_PIXELS = True
+_OF_BIN = 6 * TILES * TILES  # edge values, two corners of each of its tiles
 
 
 def count(job: Job) -> dict[str, int]:
@@ -19,15 +20,14 @@ def count(job: Job) -> dict[str, int]:
     check_one_round(job)
     queue, tiles, counts = queued_bins(job)
     touched = int(tiles.touched.sum())
-    edges_32 = 6 * TILES * TILES + 3 * TILE * TILE * (tiles.touched - tiles.full)
     of_bin = queue[:, 2] * (job.width + 1) + queue[:, 1]
     return {
         **counts,
         "entries": len(queue) + touched,
         "bytes": counts["bytes"] + tile_entry_bytes(job.arithmetic) * touched,
-        "edges_64": counts["edges_64"] + 3 * len(queue),
-        "edges_32": int(edges_32.sum()),
+        "edges_64": counts["edges_64"] + job.places.add_bins(3, queue),
+        "edges_32": job.places.add_bins(_OF_BIN, queue) + int(tiles.edges.sum()),
         "passed": passing(job),
         "written": pixels_in(job, *touched_tiles(job, queue), TILE),
-        **load(sums_by(of_bin, 3 + edges_32 + tiles.fragments)),
+        **load(job, sums_by(of_bin, 3 + _OF_BIN + tiles.edges + tiles.fragments)),
     }

@@ -63,7 +63,7 @@ def count(job: Job) -> dict[str, int]:
     edges_64 = stored.pop("edges_64") + drawn.pop("edges_64")
     # What is left out lies behind what was drawn before it, so it would not have passed.
     passed = passing(job._replace(records=Records(*(field[order] for field in job.records))))
-    return {**stored, **drawn, "edges_64": edges_64, "passed": passed, **load(work)}
+    return {**stored, **drawn, "edges_64": edges_64, "passed": passed, **load(job, work)}
 
 
 def _boxes(bbox: NDArray[np.int64], size: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -90,12 +90,13 @@ def _stored(job: Job, shape: _Shape) -> tuple[_Elements, dict[str, int]]:
     record, place = np.repeat(np.arange(len(count)), count), ramp(count)
     column = first[record, 0] + place % tiles[record, 0]
     row = first[record, 1] + place // tiles[record, 0]
-    kept, full = np.zeros(len(record), np.bool_), np.zeros(len(record), np.bool_)
+    kept, full, edges_64 = np.zeros(len(record), np.bool_), np.zeros(len(record), np.bool_), 0
     for i, s in enumerate(shape.size):
         here = level[record] == i
         sides = sides_of(job.records, record[here], job.arithmetic)
         kept[here] = touches(sides, s * column[here], s * row[here], s)
         full[here] = fills(sides, s * column[here], s * row[here], s)
+        edges_64 += job.places.add_edges(np.where(kept[here], 6, 3), s * column[here], s * row[here], s)
     found = _Elements(record[kept], level[record[kept]], column[kept], row[kept], full[kept])
     order = np.lexsort((found.record, found.level))
     found = _Elements(found.record[order], found.level[order], found.column[order], found.row[order], found.full[order])
@@ -112,7 +113,7 @@ def _stored(job: Job, shape: _Shape) -> tuple[_Elements, dict[str, int]]:
         "bins_tested": len(record),
         "bins_rejected": len(record) - entries,
         "bins_accepted": int(found.full.sum()),
-        "edges_64": 3 * (len(record) + entries),
+        "edges_64": edges_64,
         "atomics": entries,
     }
 
@@ -167,7 +168,13 @@ def _walked(job: Job, shape: _Shape, elements: _Elements) -> tuple[dict[str, int
     fragments = np.where(drawn, (high - low).prod(axis=1), 0)
     for i in np.flatnonzero(partly):
         x, y = np.meshgrid(np.arange(low[i, 0], high[i, 0]), np.arange(low[i, 1], high[i, 1]))
-        fragments[i] = is_inside(sides_of(records, record[i : i + 1], arithmetic), x, y).all(axis=-1).sum()
+        inside = is_inside(sides_of(records, record[i : i + 1], arithmetic), x, y).all(axis=-1)
+        fragments[i] = job.places.add_fragments(x[inside], y[inside])
+        first = left[i] + (low[i, 0] - left[i]) // _LANES * _LANES
+        job.places.add_edges(3 * _LANES, *np.meshgrid(np.arange(first, high[i, 0], _LANES), np.arange(low[i, 1], high[i, 1])))
+    for i in np.flatnonzero(drawn & full):
+        job.places.add_box(*low[i], *high[i])
+    job.places.add_edges(edges_64, left, top, size)
     bins = column * size // BIN + (row * size // BIN) * (job.width // BIN + 1)
     return {
         "tiles_tested": int(tested.sum()),

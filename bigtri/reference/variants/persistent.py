@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..numerics import BIN, TILE, TILES
+from ..numerics import BIN, TILES
 from ..work import Job, check_one_round, load, passing, pixels_in, queued_bins, sums_by
 
 STANDARD = {"share": 256, "room": 256, "batch": 1024}  # of the variant's parameters
 REJECTS_BY_DEPTH = ""
 OWNS_PIXELS = True
+_OF_BIN = 6 * TILES * TILES  # edge values, two corners of each of its tiles
 
 
 def count(job: Job) -> dict[str, int]:
@@ -21,17 +22,16 @@ def count(job: Job) -> dict[str, int]:
     """
     check_one_round(job)
     queue, tiles, counts = queued_bins(job)
-    edges_32 = 6 * TILES * TILES + 3 * TILE * TILE * (tiles.touched - tiles.full)
     turn = _turns(job, queue)
     of_turn = (queue[:, 2].astype(np.int64) * (job.width + 1) + queue[:, 1]) * (len(queue) + 1) + turn
     _, column, row = queue[np.unique(of_turn, return_index=True)[1]].T
     return {
         **counts,
-        "edges_64": counts["edges_64"] + 3 * len(queue),
-        "edges_32": int(edges_32.sum()),
+        "edges_64": counts["edges_64"] + job.places.add_bins(3, queue),
+        "edges_32": job.places.add_bins(_OF_BIN, queue) + int(tiles.edges.sum()),
         "passed": passing(job),
         "written": pixels_in(job, column, row, BIN),
-        **load(sums_by(of_turn, 3 + edges_32 + tiles.fragments)),
+        **load(job, sums_by(of_turn, 3 + _OF_BIN + tiles.edges + tiles.fragments)),
     }
 
 

@@ -29,7 +29,7 @@ def count(job: Job) -> dict[str, int]:
     # What is left out lies behind what a record before it has drawn, so it would not have passed.
     passed = passing(job)
     descent.counts["atomics"] += passed
-    tasks = load(sums_by(job.records.triangle // job.parameters["share"], work))
+    tasks = load(job, sums_by(job.records.triangle // job.parameters["share"], work))
     return {**descent.counts, "records": len(work), "passed": passed, "written": passed, **tasks}
 
 
@@ -51,15 +51,19 @@ class _Descent:
     def work(self) -> int:
         return self.counts["edges_64"] + self.counts["edges_32"] + self.counts["fragments"]
 
+    def _edges(self, n: int | NDArray[np.int64], squares: Squares, size: int) -> int:
+        x, y = squares.T
+        return self.job.places.add_edges(n, x, y, size)
+
     def draw(self, record: int) -> None:
         records, arithmetic = self.job.records, self.job.arithmetic
         self.record, self.bbox = record, records.bbox[record].astype(np.int64)
         self.sides = sides_of(records, np.array([record]), arithmetic)
         self.nearest, self.farthest = records.z[record].min(), records.z[record].max()
         narrow = np.ptp(records.xy[record], axis=0).max() <= _NARROW_EXTENT * arithmetic.subpixel
-        self.counts["edges_64"] += 3
         x0, y0, x1, y1 = self.bbox
         first = np.array([[x0 // _BLOCK, y0 // _BLOCK]]) * _BLOCK
+        self.counts["edges_64"] += self._edges(3, first, _BLOCK)
         extent = max(x1 - first[0, 0], y1 - first[0, 1])
         if narrow and extent <= _MIDDLE:
             self.counts["within_4" if extent <= _BLOCK else "within_16"] += 1
@@ -97,7 +101,7 @@ class _Descent:
         self.counts["bins_tested"] += len(bins)
         self.counts["bins_rejected"] += int((~kept).sum())
         self.counts["bins_accepted"] += int(full.sum())
-        self.counts[edges] += 3 * len(bins) + 3 * int(kept.sum())
+        self.counts[edges] += self._edges(np.where(kept, 6, 3), bins, BIN)
         hidden = kept & self._behind(bins, BIN)
         self.counts["bins_hidden"] += int(hidden.sum())
         filled = bins[full & ~hidden]
@@ -129,9 +133,9 @@ class _Descent:
     def _draw_pixels(self, blocks: Squares) -> NDArray[np.bool_]:
         pixels = self._cut(blocks, 1)
         inside = is_inside(self.sides, pixels[..., 0], pixels[..., 1]).all(axis=-1)
-        self.counts["edges_32"] += 3 * inside.size
+        self.counts["edges_32"] += self._edges(3 * 16, blocks, _BLOCK)
         inside &= ((pixels >= self.bbox[:2]) & (pixels < self.bbox[2:])).all(axis=-1)
-        self.counts["fragments"] += int(inside.sum())
+        self.counts["fragments"] += self.job.places.add_fragments(*pixels[inside].T)
         covered = np.any(inside, axis=1)
         self.counts["tiles_empty"] += int((~covered).sum())
         return covered
@@ -139,7 +143,9 @@ class _Descent:
     def _fill(self, squares: Squares, size: int) -> NDArray[np.bool_]:
         boxed = np.minimum(squares + size, self.bbox[2:]) - np.maximum(squares, self.bbox[:2])
         pixels = np.maximum(boxed, 0).prod(axis=1)
-        self.counts["fragments"] += int(pixels.sum())
+        for x, y in squares:
+            box = max(x, self.bbox[0]), max(y, self.bbox[1]), min(x + size, self.bbox[2]), min(y + size, self.bbox[3])
+            self.counts["fragments"] += self.job.places.add_box(*box)
         return pixels > 0
 
     def _parts(self, squares: Squares, size: int) -> tuple[NDArray[np.int64], Squares, NDArray[np.bool_]]:
@@ -149,7 +155,7 @@ class _Descent:
         self.counts["tiles_tested"] += len(parts)
         self.counts["tiles_rejected"] += int((~kept).sum())
         self.counts["tiles_accepted"] += int(full.sum())
-        self.counts["edges_32"] += 6 * len(parts)
+        self.counts["edges_32"] += self._edges(6, parts, size)
         if self.job.parameters["separate"]:
             boxed = ((parts < self.bbox[2:]) & (parts + size > self.bbox[:2])).all(axis=1)
             self.counts["separations"] += int(kept.sum())

@@ -44,6 +44,8 @@ def count(job: Job) -> dict[str, int]:
     covered, passed = _drawn(job, place[seen], filled[seen])
     partly = ~filled[seen]
     edges_32 = 3 * TILE * TILE * partly
+    quads_32 = job.places.add_edges(edges_32, *place[seen, 1:].T)
+    bins_64, bins_32 = (job.places.add_bins(n, queue) for n in (3, 6 * TILES * TILES))
     entries = len(np.unique(of_list))
     return {
         "records": len(records.xy),
@@ -59,13 +61,13 @@ def count(job: Job) -> dict[str, int]:
         "tiles_accepted": int(filled.sum()),
         "tiles_empty": int((covered == 0).sum()),
         "tiles_hidden": int((quad_hidden & ~hidden).sum()),
-        "edges_64": 3 * (len(bins.kept) + len(queue)),
-        "edges_32": 6 * TILES * TILES * len(queue) + int(edges_32.sum()),
+        "edges_64": job.places.add_bins(3, bins.candidates) + bins_64,
+        "edges_32": bins_32 + quads_32,
         "fragments": int(covered.sum()),
         "passed": passed,
         "written": job.width * job.height,
         "atomics": 2 * entries,
-        **load(sums_by(tile[seen] // job.parameters["tiles"], edges_32 + covered)),
+        **load(job, sums_by(tile[seen] // job.parameters["tiles"], edges_32 + covered)),
     }
 
 
@@ -99,5 +101,6 @@ def _drawn(job: Job, place: NDArray[np.int64], filled: NDArray[np.bool_]) -> tup
         quad, pixel = np.nonzero(drawn)
         spans = np.stack([record[quad], y[quad, pixel], x[quad, pixel], x[quad, pixel] + 1], axis=1)
         packed = pack(job.records.triangle[record[quad]], depth(job.records, spans, job.arithmetic))
+        job.places.add_fragments(spans[:, 2], spans[:, 1])
         passed += int(pixels.offer(spans[:, 1] * job.width + spans[:, 2], packed).sum())
     return covered, passed

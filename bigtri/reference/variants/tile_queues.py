@@ -9,12 +9,13 @@ from ..numerics import TILE
 from ..work import (
     POINTER_BYTES,
     Job,
-    boxed_tiles,
     check_one_round,
+    in_bins,
     load,
     passing,
     pixels_in,
     record_bytes,
+    squares_in_boxes,
     squares_of,
     sums_by,
     tile_entry_bytes,
@@ -38,18 +39,20 @@ def count(job: Job) -> dict[str, int]:
     records = job.records
     candidates, kept = squares_of(job, _WIDE_BIN)
     wide = candidates[kept]
-    boxed = boxed_tiles(records.bbox[wide[:, 0]], wide[:, 1], wide[:, 2], _WIDE_BIN)
+    boxes = in_bins(records.bbox[wide[:, 0]], wide[:, 1:], _WIDE_BIN)
+    of_boxed = squares_in_boxes(boxes, TILE)
+    boxed = np.bincount(of_boxed.of, minlength=len(wide))
     # A tile that no edge rejects lies in a 64 px bin that none rejects, and that in such a wide one.
     bins = binning(records, -1, job.arithmetic)
     queue = bins.candidates[bins.kept]
-    tiles = tiles_of(job, queue)
+    tiles = tiles_of(job, queue, of_touched=3, of_partly=3 * TILE * TILE)
     touched, full = int(tiles.touched.sum()), int(tiles.full.sum())
     column, row = touched_tiles(job, queue)
     columns = job.width // _WIDE_BIN + 1
     of_wide = np.concatenate([wide[:, 2] * columns + wide[:, 1], queue[:, 2] // 2 * columns + queue[:, 1] // 2])
     lengths = np.unique(of_wide[: len(wide)], return_counts=True)[1]
     passed = passing(job)
-    edges_32 = 3 * TILE * TILE * (tiles.touched - tiles.full)
+    edges_64 = job.places.add_bins(3, candidates, _WIDE_BIN) + job.places.add_edges(3, *of_boxed[1:])
     stored = record_bytes(job.arithmetic) * len(records.xy) + POINTER_BYTES * len(wide)
     return {
         "records": len(records.xy),
@@ -64,11 +67,11 @@ def count(job: Job) -> dict[str, int]:
         "tiles_rejected": int(boxed.sum()) - touched,
         "tiles_accepted": full,
         "tiles_empty": int((tiles.touched - tiles.covered).sum()),
-        "edges_64": 3 * (len(candidates) + int(boxed.sum()) + touched),
-        "edges_32": int(edges_32.sum()),
+        "edges_64": edges_64 + 3 * touched,
+        "edges_32": int(tiles.edges.sum()) - 3 * touched,
         "fragments": int(tiles.fragments.sum()),
         "passed": passed,
         "written": pixels_in(job, column, row, TILE),
         "atomics": len(wide),
-        **load(sums_by(of_wide, np.concatenate([3 * boxed, 3 * tiles.touched + edges_32 + tiles.fragments]))),
+        **load(job, sums_by(of_wide, np.concatenate([3 * boxed, tiles.edges + tiles.fragments]))),
     }

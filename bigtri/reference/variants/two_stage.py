@@ -19,9 +19,9 @@ def count(job: Job) -> dict[str, int]:
     records = job.records
     bins = binning(records, -1, job.arithmetic)
     queue = bins.candidates[bins.kept]
-    tiles = tiles_of(job, queue)
+    tiles = tiles_of(job, queue, of_boxed=3, of_touched=3 + 3 * TILE * TILE)
     passed = passing(job)
-    edges_32 = 3 * (tiles.boxed + tiles.touched) + 3 * TILE * TILE * tiles.touched
+    edges_64 = job.places.add_bins(3, bins.candidates) + job.places.add_bins(6, queue)
     share = records.triangle[queue[:, 0]] // job.parameters["share"]
     within = np.arange(len(queue)) - np.searchsorted(share, share)  # the pair's place in its share
     task = share.astype(np.int64) * (len(queue) + 1) + within // job.parameters["pairs"]
@@ -37,11 +37,11 @@ def count(job: Job) -> dict[str, int]:
         "tiles_rejected": int((tiles.boxed - tiles.touched).sum()),
         "tiles_accepted": int(tiles.full.sum()),
         "tiles_empty": int((tiles.touched - tiles.covered).sum()),
-        "edges_64": 3 * len(bins.kept) + 6 * len(queue),
-        "edges_32": int(edges_32.sum()),
+        "edges_64": edges_64,
+        "edges_32": int(tiles.edges.sum()),
         "fragments": int(tiles.fragments.sum()),
         "passed": passed,
         "written": passed,
         "atomics": passed,
-        **load(sums_by(task, 6 + edges_32 + tiles.fragments)),
+        **load(job, sums_by(task, 6 + tiles.edges + tiles.fragments)),
     }
