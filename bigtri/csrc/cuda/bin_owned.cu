@@ -314,7 +314,8 @@ bool lists_areas(const Frame& f, const int64_t* values) { return !are_few(f, Val
 extern const CudaVariant bin_owned_variant;
 const CudaVariant bin_owned_variant = {
     "bin_owned", "few triangles: blocks own pixels and write each once; else rows of pixels by atomics; docs/cuda.md",
-    kParameters, scratch_bytes, draw, lists_areas};
+    kParameters, scratch_bytes,
+    draw,        lists_areas};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri
