@@ -31,9 +31,14 @@ const CudaVariant* const* const kCountingCudaVariants = nullptr;
 #endif
 
 const CudaRung kCudaRungs[] = {
-#define BIGTRI_LISTED(RUNG)                                                                                       \
-  {#RUNG,              RUNG::kCudaVariants,      RUNG::interpolate_cuda, RUNG::shading_scratch, \
-   RUNG::shades_areas, RUNG::begin_shading_cuda, RUNG::shade_cuda},
+#define BIGTRI_LISTED(RUNG)  \
+  {#RUNG,                    \
+   RUNG::kCudaVariants,      \
+   RUNG::interpolate_cuda,   \
+   RUNG::shading_scratch,    \
+   RUNG::shades_areas,       \
+   RUNG::begin_shading_cuda, \
+   RUNG::shade_cuda},
     BIGTRI_RUNGS(BIGTRI_LISTED)
 #if defined(BIGTRI_WITH_LADDER)
         BIGTRI_LADDER(BIGTRI_LISTED)
