@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "../core/numerics.h"
+#include "areas.h"
 #include "attributes.h"
 #include "shade.h"
 #include "shading.h"
@@ -27,6 +28,7 @@ extern const CudaVariant* const kCudaVariants[];
 namespace BIGTRI_RUNG {
 cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream);
 int64_t shading_scratch(const Shading& job);
+bool shades_areas(const Shading& job);
 cudaError_t begin_shading_cuda(const Shading& job, void* scratch, cudaStream_t stream);
 cudaError_t shade_cuda(const Shading& job, void* scratch, cudaStream_t stream);
 }  // namespace BIGTRI_RUNG
@@ -520,7 +522,7 @@ int transform_on_cpu(const float* points, const double* matrices, int64_t count,
 // What shade_on_cpu gets. Arrays are those of the operators `shade` and `draw`; null: left out.
 struct PictureOnCpu {
   int64_t views, height, width, samples, channels, vertices, triangles, materials, textures, lights, two_sided, cull;
-  const void* packed;  // null: the triangles are drawn first
+  const void* packed;  // null: the triangles are drawn first; and into memory that is nobody's, if drawn is null too
   const void *positions, *indices, *uvs, *colors, *normals, *face_normals, *material, *looks, *base_colors,
       *light_directions, *light_colors;
   const float *constants, *thresholds;
@@ -597,8 +599,12 @@ int shade_on_cpu(const PictureOnCpu* p) {
   job.channels = (int)p->channels;
   kernel = 0;
   const Memory scratch((size_t)BIGTRI_RUNG::shading_scratch(job), 0x7f);
-  int error = BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
-  if (!p->packed) {
+  const Memory buffer((size_t)(p->packed || p->drawn ? 0 : 8 * samples), 0x7f);
+  const Memory areas((size_t)areas_bytes(job.width, job.height, job.views), 0x7f);
+  int error = 0;
+  if (p->packed) {
+    error |= BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
+  } else {
     Frame f = {};
     f.positions = job.positions;
     f.triangles = job.triangles;
@@ -607,14 +613,17 @@ int shade_on_cpu(const PictureOnCpu* p) {
     f.count = job.count;
     f.views = (int32_t)job.views;
     f.view = {job.width, job.height, 0, 0, job.width, job.height, (int)p->cull};
-    f.packed = (int64_t*)output(p->drawn, 8 * samples);
+    f.packed = p->drawn ? (int64_t*)output(p->drawn, 8 * samples) : buffer.of<int64_t>();
     f.depth = (float*)output(p->depth, 4 * samples);
     f.dropped = (int64_t*)output(p->dropped, 8 * job.views);
     const CudaVariant& variant = **BIGTRI_NAMESPACE::kCudaVariants;
     std::vector<int64_t> values;
     for (const Parameter* parameter = variant.parameters; parameter->name; ++parameter)
       values.push_back(parameter->standard);
+    if (!p->drawn && !p->depth && variant.lists_areas(f, values.data()) && BIGTRI_RUNG::shades_areas(job))
+      f.areas = job.areas = areas.of<char>();
     const Memory work(variant.scratch_bytes(f, values.data()), 0x7f);
+    error |= BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
     error |= variant.draw(f, values.data(), work.of<char>(), nullptr);
     job.packed = f.packed;
   }

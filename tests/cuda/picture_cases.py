@@ -148,6 +148,23 @@ def of_shared_vertices(seed: int, resolution: tuple[int, int], views: int) -> Pi
     return picture._replace(positions=vertices, triangles=triangles, surface=surface)
 
 
+def of_parts() -> Iterator[Picture]:
+    """Many triangles that lie in a part of the image, each view's elsewhere; and such of which some have to be clipped."""
+    rng = np.random.default_rng(70)
+    for k, (size, views, channels) in enumerate([((90, 1050), 2, 3), ((75, 131), 3, 4), ((16, 64), 70, 3), ((40, 2113), 1, 3)]):
+        w = rng.uniform(1, 2, (views, 300, 1, 1))
+        centre = rng.uniform(-0.3, 0.3, (views, 300, 1, 2)) + np.stack([np.linspace(-0.6, 0.6, views)] * 2, 1)[:, None, None]
+        corners = centre + rng.normal(0, 0.02, (views, 300, 3, 2)) * [size[0] / size[1], 1]
+        depths = rng.uniform(-0.9, 0.9, (views, 300, 3, 1))
+        positions = np.concatenate([corners * w, depths * w, np.broadcast_to(w, depths.shape)], 3).reshape(views, -1, 4)
+        triangles = torch.arange(900, dtype=torch.int32).view(-1, 3)
+        surface = surface_of(rng, 900, 300)
+        yield Picture(torch.from_numpy(positions.astype(np.float32)), triangles, surface, size, channels=channels, made=False)
+        yield picture_of(71 + k, size, views, made=False, channels=channels, count=300)
+    clipped = of_many_clipped(100)
+    yield clipped._replace(positions=clipped.positions.repeat(2, 1, 1), resolution=(160, 400), made=False)
+
+
 def of_every_effect() -> Iterator[Picture]:
     """Each effect left out, and all; the sides, samples, channels and sizes are others every time."""
     whole = picture_of(0, (1, 1)).surface

@@ -14,6 +14,7 @@ from picture_cases import (
     of_every_effect,
     of_many_clipped,
     of_many_textures,
+    of_parts,
     of_samples,
     outputs,
     picture_of,
@@ -87,6 +88,21 @@ def test_every_rung_without_a_visibility_buffer(precision: str, samples: int) ->
         dropped = draw(*given, Made(), None, RUNGS[precision], "native")
         images.append((image.cpu(), dropped.cpu()))
     assert torch.equal(images[0][0], images[1][0]) and torch.equal(images[0][1], images[1][1])
+
+
+@pytest.mark.parametrize(("resolution", "channels"), [((1080, 1920), 3), ((1237, 1403), 4), ((1500, 1001), 3)])
+def test_pictures_of_a_part_of_a_large_image(resolution: tuple[int, int], channels: int) -> None:
+    """What no triangle may touch is neither cleared nor read."""
+    assert resolution[0] * resolution[1] >= 1_500_000  # kPixelsOfAreas
+    for picture in of_parts():
+        picture = picture._replace(positions=picture.positions[:3].contiguous(), resolution=resolution, channels=channels)
+        images = []
+        for one in (picture, to_device(picture, DEVICE)):
+            poison(0xCD, 1 << 28)
+            image = outputs(one).image
+            dropped = draw(one.positions, one.triangles, one.cull, one.surface, image, 1, Made(), None, RUNGS[DEFAULT], "native")
+            images.append((image, dropped))
+        assert same(images[0][0], images[1][0]) and same(images[0][1], images[1][1])
 
 
 def test_the_courtyard() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import itertools
 from collections.abc import Iterable, Sequence
 
 import cuda_on_cpu
@@ -19,6 +20,7 @@ from picture_cases import (
     of_every_effect,
     of_many_clipped,
     of_many_textures,
+    of_parts,
     of_samples,
     of_shared_vertices,
     outputs,
@@ -53,8 +55,8 @@ class PictureOnCpu(ctypes.Structure):
     ]
 
 
-def by_the_kernels(library: ctypes.CDLL, p: Picture, packed: torch.Tensor | None) -> Drawn:
-    """The picture by the kernels, of a visibility buffer or straight from its triangles."""
+def by_the_kernels(library: ctypes.CDLL, p: Picture, packed: torch.Tensor | None, seen: bool = True) -> Drawn:
+    """The picture by the kernels, of a visibility buffer or straight from its triangles; seen: with packed and depth."""
     to, s, (height, width), n = outputs(p), p.surface, p.resolution, p.samples
     thresholds = torch.tensor(encode_thresholds())
     texels = (ctypes.c_void_p * len(s.textures))(*(t.data_ptr() for t in s.textures))
@@ -63,7 +65,7 @@ def by_the_kernels(library: ctypes.CDLL, p: Picture, packed: torch.Tensor | None
     given = (packed, *given, s.light_directions, s.light_colors, s.constants, thresholds)
     counts = len(p.positions), height * n, width * n, n, p.channels, p.positions.shape[1], len(p.triangles), len(s.looks)
     counts = (*counts, len(s.textures), len(s.light_directions), s.two_sided, ("none", "back", "front").index(p.cull))
-    made = pointer(to.image), *map(pointer, to.made), *map(pointer, to[2:])
+    made = pointer(to.image), *map(pointer, to.made), *(pointer(t) if seen else None for t in to[2:4]), pointer(to.dropped)
     call = PictureOnCpu(*counts, *map(pointer, given), ctypes.cast(texels, ctypes.c_void_p), pointer(texture_size), *made)
     assert library.shade_on_cpu(ctypes.byref(call)) == 0
     return to if packed is None else to._replace(packed=packed)
@@ -78,12 +80,15 @@ def differences(library: ctypes.CDLL, pictures: Iterable[tuple[Picture, Drawn]])
     """Of what the kernels give from what they have to, a line each."""
     found = []
     for number, (picture, wanted) in enumerate(pictures):
-        for packed, order in ((None, number % 3), (wanted.packed, 3 + number % 2)):
+        for what, packed, order in (
+            ("draw", None, number % 3),
+            ("alone", None, number % 4),
+            ("shade", wanted.packed, 3 + number % 2),
+        ):
             library.set_order(order)  # of threads, and of warps: must not matter
-            got = by_the_kernels(library, picture, packed)
-            for (name, a), (_, b) in zip(*(fields(d, packed is not None) for d in (wanted, got)), strict=True):
+            got = by_the_kernels(library, picture, packed, what != "alone")
+            for (name, a), (_, b) in zip(*(fields(d, what != "draw") for d in (wanted, got)), strict=True):
                 if count := int((bits(a) != bits(b)).sum()):
-                    what = "draw" if packed is None else "shade"
                     found.append(f"{what}, picture {number}, order {order}: {count} values of {name} differ")
     return found
 
@@ -106,6 +111,11 @@ def test_several_samples_a_pixel() -> None:
 def test_triangles_set_up_before_their_pixels_or_there_and_of_projected_vertices() -> None:
     """kPixelsToPrepare and kPixelsToProject choose the way."""
     assert_right([picture_of(51, (90, 120), 2), of_shared_vertices(52, (33, 47), 3), picture_of(53, (20, 31), 2)])
+
+
+def test_pictures_of_a_part_of_the_image() -> None:
+    """What no triangle may touch is neither cleared nor read; a buffer that nobody asks for holds rubbish there."""
+    assert_right(list(of_parts()))
 
 
 def test_any_number_of_textures_and_of_lights() -> None:
@@ -180,26 +190,39 @@ def test_transform() -> None:
 
 
 def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
-    """With a limit of some views of these pictures, as 2^30 pixels are too many for a test."""
-    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", "kPixelsAtOnce = 1 << 30", "kPixelsAtOnce = 5000"))
+    """With a limit of some views of these pictures, as 2^29 pixels are too many for a test."""
+    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", "kPixelsAtOnce = 1 << 29", "kPixelsAtOnce = 5000"))
     pictures = [picture_of(48, (33, 47), views=5, channels=4), picture_of(49, (16, 31), 7, samples=2), of_many_clipped(900)]
     said = cuda_on_cpu.in_children([functools.partial(differences, library, [(p, drawn(p)) for p in pictures])])
     assert not said, said
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("file", "old", "new", "said"),
     [
-        ("(int)(row - view * work.height.by)}", "(int)row}", "values of image"),
-        ("place = kNoPlace;", "place = 0;", "picture 2"),
-        ("work.projected + at.view * job.vertices", "work.projected", "picture 3"),
-        ("&& ((uintptr_t)job.image & 3) == 0) {", "|| true) {", "access beyond memory"),
+        ("shade.cu", "*row = word.view * job.height + word.y;", "*row = word.y;", "values of image"),
+        ("shade.cu", "place = kNoPlace;", "place = 0;", "picture 2"),
+        ("shade.cu", "work.projected + at.view * job.vertices", "work.projected", "picture 3"),
+        ("shade.cu", "if (pixels >= kWarp && ((uintptr_t)bytes & 3) == 0) {", "if (true) {", "access beyond memory"),
+        ("shade.cu", "(shift + 8 * k) % 24", "shift % 24", "alone, picture 4"),
+        ("clear.cu", "(box.y1 - 1) / kAreaHeight - top + 1}", "(box.y1 - 1) / kAreaHeight - top}", "alone, picture 4"),
+        ("clear.cu", "PixelBox box = {0, 0, f.view.width, f.view.height};", "PixelBox box = {0, 0, 1, 1};", "alone, picture 6"),
+        ("clear.cu", "kAll << (8 * max_of(left, 0))", "kAll << 8 << (8 * max_of(left, 0))", "alone, picture 6"),
     ],
 )
-def test_what_is_broken_shows(old: str, new: str, said: str, tmp_path) -> None:
-    """Rows of the next view, more clipped triangles than there is memory for, its vertices, a picture's end."""
-    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", old, new))
+def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path) -> None:
+    """Rows of the next view, more clipped triangles than there is memory for, its vertices, a picture's end; the background's
+    channels, a triangle's last row of areas, those of one to be clipped, and all in a row but the first."""
+    library = cuda_on_cpu.build(tmp_path / "build", (file, old, new))
     small = picture_of(47, (90, 33), views=3, made=False, count=2000)
     shared = of_shared_vertices(52, (33, 47), 3)
-    wanted = [(p, drawn(p)) for p in (small, full_screen((90, 33)), of_many_clipped(900), shared)]
+    pictures = (
+        small,
+        full_screen((90, 33)),
+        of_many_clipped(900),
+        shared,
+        *itertools.islice(of_parts(), 2),
+        list(of_parts())[-1],
+    )
+    wanted = [(p, drawn(p)) for p in pictures]
     assert said in cuda_on_cpu.in_children([functools.partial(differences, library, wanted)])

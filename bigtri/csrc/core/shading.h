@@ -31,6 +31,9 @@ BIGTRI_HD void lambert(const F normal[3], const F albedo[3], const float ambient
     n[i] = select(s > 0.0f, normal[i] / length, constant(0.0f, s));
     c[i] = constant(ambient[i], s);
   }
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1  // most scenes have two, of which a loop that takes four at a time makes its rest
+#endif
   for (int64_t l = 0; l < count; ++l) {
     const Light light = light_at(lights, l);
     const F facing = (n[0] * light.direction[0] + n[1] * light.direction[1]) + n[2] * light.direction[2];

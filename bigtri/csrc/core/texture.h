@@ -19,6 +19,12 @@ BIGTRI_HD F floor_small(const F& v) {
   return select(t > v, t - 1.0f, t);
 }
 
+#if defined(__CUDA_ARCH__)
+// A GPU has an instruction for it. A zero may get the other sign, which no caller depends on.
+BIGTRI_HD float floor_small(float v) { return floorf(v); }
+BIGTRI_HD float floor_any(float v) { return floorf(v); }
+#endif
+
 // floor(v) for any finite v. From 2^23 = 8388608 on, every float is an integer.
 template <class F>
 BIGTRI_HD F floor_any(const F& v) {
@@ -34,11 +40,14 @@ BIGTRI_HD F wrap_coordinate(const F& u, Wrap wrap) {
   return select(low > 1.0f, constant(1.0f, u), low);
 }
 
-// A column or row next to the texture, -1 or `size`, brought into it: the other border's by repeating, else the nearest.
+// Columns or rows `first`, -1 to size - 1, and the next one, of a texture with `size` of them: what lies beside it is the
+// other border by repeating, else the nearest.
 template <class I>
-BIGTRI_HD I wrap_texel(const I& i, int size, Wrap wrap) {
-  if (wrap == Wrap::kClamp) return select(i < 0, i - i, select(i > size - 1, i - i + (size - 1), i));
-  return select(i < 0, i + size, select(i > size - 1, i - size, i));
+BIGTRI_HD void wrap_texels(const I& first, int size, Wrap wrap, I i[2]) {
+  const int last = size - 1, before = wrap == Wrap::kRepeat ? last : 0, after = last - before;
+  const I next = first + 1;
+  i[0] = select(first < 0, first - first + before, first);
+  i[1] = select(next > last, first - first + after, next);
 }
 
 // The coordinates of a lookup, brought into [0, 1]; (0, 0) for a pair with a NaN or an infinity.
@@ -66,10 +75,8 @@ BIGTRI_HD void bilinear_texels(int height, int width, const F& u, const F& v, Wr
   const F left = floor_small(at_x), upper = floor_small(at_y);
   *tx = at_x - left;
   *ty = at_y - upper;
-  for (int i = 0; i < 2; ++i) {
-    x[i] = wrap_texel(to_int(left) + i, width, wrap);
-    y[i] = wrap_texel(to_int(upper) + i, height, wrap);
-  }
+  wrap_texels(to_int(left), width, wrap, x);
+  wrap_texels(to_int(upper), height, wrap, y);
 }
 
 // A channel between its values at those texels: c[row][column].
@@ -94,6 +101,11 @@ BIGTRI_HD float linear_at(const CodedTexels<Code>& texture, int64_t i) {
   return texture.decoded[texture.codes[i]];
 }
 
+// The number of a texel, which fits 32 bits: a texture has 2^16 rows and columns at most.
+BIGTRI_HD int64_t texel_number(int32_t x, int32_t y, int width) {
+  return (int64_t)((uint32_t)y * (uint32_t)width + (uint32_t)x);
+}
+
 // texture: what linear_at takes, [height, width, channels], row 0 on top. u, v: (0, 0) at the lower left. out:
 // [channels].
 template <class Texture>
@@ -103,7 +115,7 @@ BIGTRI_HD void sample(Texture texture, int height, int width, int64_t channels, 
   if (filter == Filter::kNearest) {
     int32_t x, y;
     nearest_texel(height, width, u, v, &x, &y);
-    const int64_t texel = ((int64_t)y * width + x) * channels;
+    const int64_t texel = texel_number(x, y, width) * channels;
     for (int64_t c = 0; c < channels; ++c) out[c] = linear_at(texture, texel + c);
     return;
   }
@@ -114,7 +126,7 @@ BIGTRI_HD void sample(Texture texture, int height, int width, int64_t channels, 
     float near[2][2];
     for (int row = 0; row < 2; ++row)
       for (int column = 0; column < 2; ++column)
-        near[row][column] = linear_at(texture, ((int64_t)y[row] * width + x[column]) * channels + c);
+        near[row][column] = linear_at(texture, texel_number(x[column], y[row], width) * channels + c);
     out[c] = bilinear(near, tx, ty);
   }
 }

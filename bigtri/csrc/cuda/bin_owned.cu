@@ -307,12 +307,15 @@ cudaError_t draw(const Frame& f, const int64_t* values, void* scratch, cudaStrea
   });
 }
 
+bool lists_areas(const Frame& f, const int64_t* values) { return !are_few(f, Values::of(values)); }
+
 }  // namespace
 
 extern const CudaVariant bin_owned_variant;
 const CudaVariant bin_owned_variant = {
     "bin_owned", "few triangles: blocks own pixels and write each once; else rows of pixels by atomics; docs/cuda.md",
-    kParameters, scratch_bytes, draw};
+    kParameters, scratch_bytes,
+    draw,        lists_areas};
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

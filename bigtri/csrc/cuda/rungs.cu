@@ -11,6 +11,7 @@ namespace bigtri {
   extern const CudaVariant* const kCudaVariants[];                                        \
   cudaError_t interpolate_cuda(const Interpolation& job, cudaStream_t stream);            \
   int64_t shading_scratch(const Shading& job);                                            \
+  bool shades_areas(const Shading& job);                                                  \
   cudaError_t begin_shading_cuda(const Shading& job, void* scratch, cudaStream_t stream); \
   cudaError_t shade_cuda(const Shading& job, void* scratch, cudaStream_t stream);         \
   }
@@ -30,8 +31,13 @@ const CudaVariant* const* const kCountingCudaVariants = nullptr;
 #endif
 
 const CudaRung kCudaRungs[] = {
-#define BIGTRI_LISTED(RUNG)                                                                                       \
-  {#RUNG,           RUNG::kCudaVariants, RUNG::interpolate_cuda, RUNG::shading_scratch, RUNG::begin_shading_cuda, \
+#define BIGTRI_LISTED(RUNG)  \
+  {#RUNG,                    \
+   RUNG::kCudaVariants,      \
+   RUNG::interpolate_cuda,   \
+   RUNG::shading_scratch,    \
+   RUNG::shades_areas,       \
+   RUNG::begin_shading_cuda, \
    RUNG::shade_cuda},
     BIGTRI_RUNGS(BIGTRI_LISTED)
 #if defined(BIGTRI_WITH_LADDER)

@@ -14,6 +14,8 @@ struct CudaRung {
   // The shading pass: bytes of the memory that it works with; what it needs beside a visibility buffer, which may be made
   // at the same time; and the pass.
   int64_t (*shading_scratch)(const Shading& job);
+  // Whether the pass can do without what no triangle may touch, which then is neither cleared nor read: Shading::areas.
+  bool (*shades_areas)(const Shading& job);
   cudaError_t (*begin_shading)(const Shading& job, void* scratch, cudaStream_t stream);
   cudaError_t (*shade)(const Shading& job, void* scratch, cudaStream_t stream);
 };

@@ -19,6 +19,9 @@ struct Shading {
   int64_t vertices;  // V
   int32_t count;  // T
   int height, width;  // of the visibility buffer, px; multiples of samples
+  // Null, or memory for the areas of the visibility buffer (areas.h), of which the pass then reads only those listed there.
+  // Only where `areas` of the rung says so.
+  void* areas;
   int samples;  // of a pixel of the picture along each axis
   int channels;  // of the picture: 3, or 4 with alpha
 };

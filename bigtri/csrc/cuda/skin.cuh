@@ -9,18 +9,25 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Interpolated channels of a fragment: uv, normal, vertex colour.
-enum { kUv = 0, kNormal = 2, kColor = 5, kChannels = 8 };
-
 // Bits of Skin::bits beside those of LookBit, which stay where the surface has the data.
 enum : int32_t { kSmoothNormal = 1 << 8, kFaceNormal = 1 << 9 };
 
-struct alignas(16) Skin {
-  float value[kChannels][3];  // at the corners that weights 0, 1, 2 belong to; of a face normal only [][0]
-  float base[3];              // colour of the material
-  float facing;               // -1: the normal is turned round; else 1
+struct alignas(16) SkinLook {
+  float uv[2][3];  // at the corners that weights 0, 1, 2 belong to
+  float base[3];   // colour of the material
+  float facing;    // -1: the normal is turned round; else 1
   int32_t bits;
   int32_t texture;  // -1: none
+};
+// Three channels at the corners.
+struct alignas(16) CornerVectors {
+  float value[3][3];
+};
+// In parts that are read when they are needed: together they take half of a thread's registers.
+struct Skin {
+  SkinLook look;
+  CornerVectors normal;  // of a face normal only [][0]
+  CornerVectors color;
 };
 
 // A light, in two vectors.
@@ -70,26 +77,27 @@ __device__ __forceinline__ bool load_skin(const Shading& job, int32_t triangle, 
   if (material < 0 || material >= s.materials) return false;
   const int32_t asked = __ldg(&s.looks[material].bits), texture = __ldg(&s.looks[material].texture);
   int32_t bits = asked & (kLookNearest | kLookClamp);
-  for (int c = 0; c < 3; ++c) out->base[c] = __ldg(s.base_colors + 3 * (int64_t)material + c);
-  out->texture = s.uvs && texture >= 0 && texture < s.texture_count ? texture : -1;
-  if (out->texture >= 0)
+  SkinLook& look = out->look;
+  for (int c = 0; c < 3; ++c) look.base[c] = __ldg(s.base_colors + 3 * (int64_t)material + c);
+  look.texture = s.uvs && texture >= 0 && texture < s.texture_count ? texture : -1;
+  if (look.texture >= 0)
     for (int k = 0; k < 3; ++k)
-      for (int c = 0; c < 2; ++c) out->value[kUv + c][k] = __ldg(s.uvs + 2 * (int64_t)vertex[k] + c);
+      for (int c = 0; c < 2; ++c) look.uv[c][k] = __ldg(s.uvs + 2 * (int64_t)vertex[k] + c);
   if (s.colors && (asked & kLookVertexColors)) {
     bits |= kLookVertexColors;
     for (int k = 0; k < 3; ++k)
-      for (int c = 0; c < 3; ++c) out->value[kColor + c][k] = __ldg(s.colors + 3 * (int64_t)vertex[k] + c);
+      for (int c = 0; c < 3; ++c) out->color.value[c][k] = __ldg(s.colors + 3 * (int64_t)vertex[k] + c);
   }
   if (s.normals && (!s.face_normals || (asked & kLookSmooth))) {
     bits |= kSmoothNormal;
     for (int k = 0; k < 3; ++k)
-      for (int c = 0; c < 3; ++c) out->value[kNormal + c][k] = __ldg(s.normals + 3 * (int64_t)vertex[k] + c);
+      for (int c = 0; c < 3; ++c) out->normal.value[c][k] = __ldg(s.normals + 3 * (int64_t)vertex[k] + c);
   } else if (s.face_normals) {
     bits |= kFaceNormal;
-    for (int c = 0; c < 3; ++c) out->value[kNormal + c][0] = __ldg(s.face_normals + 3 * (int64_t)triangle + c);
+    for (int c = 0; c < 3; ++c) out->normal.value[c][0] = __ldg(s.face_normals + 3 * (int64_t)triangle + c);
   }
-  out->facing = back && (asked & kLookTwoSided) ? -1.0f : 1.0f;
-  out->bits = bits;
+  look.facing = back && (asked & kLookTwoSided) ? -1.0f : 1.0f;
+  look.bits = bits;
   return true;
 }
 
@@ -109,8 +117,11 @@ __device__ __forceinline__ void look_up(const Lookups& lookups, int32_t texture,
            wrap, out);
   else if (t.kind == Texels::kLinear)
     sample((const float*)t.texels, t.height, t.width, 3, u, v, filter, wrap, out);
-  else
-    sample_wide(t, u, v, filter, wrap, out);
+  else {
+    float wide[3];  // a call puts it into memory, and `out` stays in registers
+    sample_wide(t, u, v, filter, wrap, wide);
+    for (int c = 0; c < 3; ++c) out[c] = wide[c];
+  }
 }
 
 // What is wanted of a pixel beside the picture.
@@ -118,24 +129,43 @@ struct Finished {
   float albedo[3], normal[3], linear[3];
 };
 
-// Finishes a pixel that has these weights.
-__device__ __forceinline__ void finish(const Surface& s, const Lookups& lookups, const Skin& skin,
+// Parts of a skin that is there.
+struct SkinAtHand {
+  const Skin& skin;
+  __device__ __forceinline__ const SkinLook& look() const { return skin.look; }
+  __device__ __forceinline__ const CornerVectors& normal() const { return skin.normal; }
+  __device__ __forceinline__ const CornerVectors& color() const { return skin.color; }
+};
+// Of one that an earlier kernel has written, or this warp, to memory.
+struct SkinInMemory {
+  const Skin* skin;
+  __device__ __forceinline__ SkinLook look() const { return loaded(&skin->look); }
+  __device__ __forceinline__ CornerVectors normal() const { return loaded(&skin->normal); }
+  __device__ __forceinline__ CornerVectors color() const { return loaded(&skin->color); }
+};
+
+// Finishes a pixel that has these weights. Parts: SkinAtHand or SkinInMemory.
+template <class Parts>
+__device__ __forceinline__ void finish(const Surface& s, const Lookups& lookups, const Parts& skin,
                                        const float weight[3], Finished* out) {
-  const auto at = [&](int c) { return interpolate(weight, skin.value[c][0], skin.value[c][1], skin.value[c][2]); };
-  for (int c = 0; c < 3; ++c) out->albedo[c] = skin.base[c];
-  if (skin.texture >= 0) {
+  const auto mean = [&](const float at[3]) { return interpolate(weight, at[0], at[1], at[2]); };
+  const SkinLook look = skin.look();
+  for (int c = 0; c < 3; ++c) out->albedo[c] = look.base[c];
+  if (look.texture >= 0) {
     float texel[3];
-    look_up(lookups, skin.texture, skin.bits, at(kUv), at(kUv + 1), texel);
+    look_up(lookups, look.texture, look.bits, mean(look.uv[0]), mean(look.uv[1]), texel);
     for (int c = 0; c < 3; ++c) out->albedo[c] = out->albedo[c] * texel[c];
   }
-  if (skin.bits & kLookVertexColors)
-    for (int c = 0; c < 3; ++c) out->albedo[c] = out->albedo[c] * at(kColor + c);
-  for (int c = 0; c < 3; ++c) {
-    const float v = skin.bits & kSmoothNormal ? at(kNormal + c)
-                    : skin.bits & kFaceNormal ? skin.value[kNormal + c][0]
-                                              : 0.0f;
-    out->normal[c] = v * skin.facing;
+  if (look.bits & kLookVertexColors) {
+    const CornerVectors color = skin.color();
+    for (int c = 0; c < 3; ++c) out->albedo[c] = out->albedo[c] * mean(color.value[c]);
   }
+  for (int c = 0; c < 3; ++c) out->normal[c] = 0.0f;
+  if (look.bits & (kSmoothNormal | kFaceNormal)) {
+    const CornerVectors normal = skin.normal();
+    for (int c = 0; c < 3; ++c) out->normal[c] = look.bits & kSmoothNormal ? mean(normal.value[c]) : normal.value[c][0];
+  }
+  for (int c = 0; c < 3; ++c) out->normal[c] = out->normal[c] * look.facing;
   lambert(out->normal, out->albedo, s.ambient, lookups.lights, s.lights, out->linear);
 }
 

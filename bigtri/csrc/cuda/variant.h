@@ -18,6 +18,9 @@ struct CudaVariant {
   int64_t (*scratch_bytes)(const Frame& frame, const int64_t* values);
   // All views of the frame. Only enqueues: nothing waits for the device.
   cudaError_t (*draw)(const Frame& frame, const int64_t* values, void* scratch, cudaStream_t stream);
+  // Whether draw, where the frame has memory for areas, lists those that triangles may touch, and writes no others. Null:
+  // never.
+  bool (*lists_areas)(const Frame& frame, const int64_t* values) = nullptr;
 };
 
 }  // namespace bigtri

@@ -2,6 +2,7 @@
 // device.
 
 #include "cuda.h"
+#include "../cuda/areas.h"
 #include "rasterize_checks.h"
 #include "side_stream.h"
 #include "surface_checks.h"
@@ -114,6 +115,13 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   if (!packed) buffer = scratch_of(frame.views * height * width * (int64_t)sizeof(int64_t), device);
   frame.packed = static_cast<int64_t*>((packed ? *packed : *buffer).mutable_data_ptr());
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
+  std::optional<Tensor> areas;
+  const bool seen = packed || depth;  // by the caller
+  if (!seen && height * width >= kPixelsOfAreas && variant.lists_areas && variant.lists_areas(frame, values.data()) &&
+      rung.shades_areas(shading.job)) {
+    areas = scratch_of(areas_bytes((int)width, (int)height, frame.views), device);
+    frame.areas = shading.job.areas = areas->mutable_data_ptr();
+  }
   const Tensor drawing = scratch_of(variant.scratch_bytes(frame, values.data()), device);
   shading.job.packed = frame.packed;
   const Tensor scratch = scratch_of(rung.shading_scratch(shading.job), device);
