@@ -14,10 +14,10 @@ namespace bigtri {
     1 << 20)
 #define BIGTRI_QUEUE_PARAMETER(X) \
   X(queue, "records", "that may wait; what finds no room is drawn on the spot, or last", 1 << 18, 1, 1 << 24)
-#define BIGTRI_WIDEST_PARAMETER(X)                                                                                \
-  X(widest, "px",                                                                                                 \
-    "longest side of the bbox of a triangle that is drawn by rows at set-up; what is wider waits; 0: 64, 192 or " \
-    "256, by the image and the number of triangles",                                                              \
+#define BIGTRI_WIDEST_PARAMETER(X)                                                                                 \
+  X(widest, "px",                                                                                                  \
+    "longest side of the bbox of a triangle that is drawn by rows at set-up; what is wider waits; 0: 64, 96, 192 " \
+    "or 256, by the image and the number of triangles",                                                            \
     0, 0, 256)
 // Threads of a block, for the designs that are asked how much it matters.
 constexpr int kMostThreads = 512;

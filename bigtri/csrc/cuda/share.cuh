@@ -11,7 +11,7 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int kMostlySmall = 24;  // triangles of a warp's 32 within 8x8 px that make boxes worth while
-constexpr int kMostlyShown = 24;  // triangles of the first 32 that may show and make testing the others a waste
+constexpr int kMostlyShown = 24;  // triangles of 32 that may show and make testing further ones a waste
 
 // What a warp that tests its triangles knows. It lies in shared memory, so that no register holds it while they are
 // drawn.
