@@ -620,7 +620,8 @@ int shade_on_cpu(const PictureOnCpu* p) {
     std::vector<int64_t> values;
     for (const Parameter* parameter = variant.parameters; parameter->name; ++parameter)
       values.push_back(parameter->standard);
-    if (!p->drawn && !p->depth && variant.lists_areas(f, values.data()) && BIGTRI_RUNG::shades_areas(job))
+    if (!p->drawn && !p->depth && variant.lists_areas && variant.lists_areas(f, values.data()) &&
+        BIGTRI_RUNG::shades_areas(job))
       f.areas = job.areas = areas.of<char>();
     const Memory work(variant.scratch_bytes(f, values.data()), 0x7f);
     error |= BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);

@@ -122,8 +122,9 @@ def test_a_picture_that_is_not_aligned() -> None:
     assert same(drawn(picture).image, image)
 
 
-def test_graphs_draw_what_their_inputs_hold_when_they_run() -> None:
-    first, second = (picture_of(64, (70, 90), views=views, more=12) for views in (2, 2))
+@pytest.mark.parametrize(("resolution", "made"), [((70, 90), True), ((1080, 1920), False)])
+def test_graphs_draw_what_their_inputs_hold_when_they_run(resolution: tuple[int, int], made: bool) -> None:
+    first = second = picture_of(64, resolution, views=2, more=12, made=made)
     second = second._replace(positions=first.positions.flip(0).contiguous())
     there, to = to_device(first, DEVICE), outputs(to_device(first, DEVICE))
     arguments = there.positions, there.triangles, "none", there.surface, to.image, 1, to.made, None, RUNGS[DEFAULT], "native"

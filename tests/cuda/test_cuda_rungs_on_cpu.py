@@ -136,9 +136,12 @@ def test_interpolation(rung: str) -> None:
 @pytest.mark.parametrize("rung", OTHERS)
 def test_pictures(rung: str) -> None:
     """Of the rung's own attributes, of triangles that are clipped and not, straight from triangles and of a buffer."""
-    one = picture_of(3, (26, 34), samples=2, count=40)
-    if RUNGS[rung].reversed:
-        one = one._replace(positions=torch.from_numpy(reversed_depth(one.positions[0].numpy()))[None])
-    wanted = drawn(one, rung, "reference")
-    said = cuda_on_cpu.in_children([functools.partial(differences_of_pictures, cuda_on_cpu.kernels(rung), [(one, wanted)])])
+    pairs = []
+    # Several samples; and a picture that is shaded in areas, where the rung's variant lists them.
+    for one in (picture_of(3, (26, 34), samples=2, count=40), picture_of(4, (40, 70), views=2, count=40, made=False)):
+        if RUNGS[rung].reversed:
+            turned = [torch.from_numpy(reversed_depth(view.numpy())) for view in one.positions]
+            one = one._replace(positions=torch.stack(turned))
+        pairs.append((one, drawn(one, rung, "reference")))
+    said = cuda_on_cpu.in_children([functools.partial(differences_of_pictures, cuda_on_cpu.kernels(rung), pairs)])
     assert not said, said

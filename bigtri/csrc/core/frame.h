@@ -72,6 +72,7 @@ BIGTRI_HD Frame views_of(const Frame& f, int64_t first, int32_t count) {
   some.packed = f.packed ? pixels_of(f, first) : nullptr;
   some.depth = f.depth ? f.depth + first * pixels : nullptr;
   some.dropped = f.dropped + first;
+  some.areas = nullptr;  // those of all views together
   return some;
 }
 

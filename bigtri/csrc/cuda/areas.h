@@ -20,7 +20,7 @@ struct Areas {
   int columns, rows;  // of a view
   int pitch;          // of marks, from a row of areas to the next
   int64_t views;
-  // Null where none is left out.
+  // All three are null where none is left out.
   uint32_t* count;  // [1]: of those in the list
   uint8_t* marks;   // [views, rows, pitch]: 1 where an area may be touched, else 0
   Area* list;       // those, in any order
@@ -28,8 +28,8 @@ struct Areas {
 BIGTRI_HD int64_t area_rows(const Areas& a) { return a.views * a.rows; }
 BIGTRI_HD int64_t all_areas(const Areas& a) { return area_rows(a) * a.columns; }
 
-// A row of marks begins with whole words of this many, which can be stored and read at once; so many bytes lie in front of
-// the first, where the count is.
+// So many marks are read and stored at once: a row is filled up to a multiple of it, and the count in front takes as many
+// bytes.
 constexpr int kMarksTogether = 8;
 inline int64_t area_mark_bytes(const Areas& a) { return kMarksTogether + area_rows(a) * a.pitch; }
 

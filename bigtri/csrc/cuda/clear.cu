@@ -50,8 +50,6 @@ __global__ void __launch_bounds__(kClearThreads, 4) clear_frame(const __grid_con
   }
 }
 
-// Marks the areas that triangles of the views may touch, a thread a triangle: those that its bounding box meets, or all
-// of its view's where it has to be clipped. projected: the vertices of all views, or null.
 constexpr int kMarkThreads = 64;
 
 // The areas that a triangle may touch.
@@ -74,12 +72,13 @@ __device__ __forceinline__ MarkBox mark_box(const Frame& f, const Areas& areas, 
   Vertex v[3];
   for (int k = 0; k < 3; ++k) v[k] = projected ? projected[vertex + index[k]] : load_and_project(f, vertex + index[k]);
   const Fate fate = fate_of(v[0].flags, v[1].flags, v[2].flags);
+  if (fate != Fate::kWhole && fate != Fate::kClip) return {};
   PixelBox box = {0, 0, f.view.width, f.view.height};
   if (fate == Fate::kWhole) {
     const int32_t x[3] = {v[0].x, v[1].x, v[2].x}, y[3] = {v[0].y, v[1].y, v[2].y};
     box = pixel_box(x, y, f.view);
   }
-  if ((fate != Fate::kWhole && fate != Fate::kClip) || box.x0 >= box.x1 || box.y0 >= box.y1) return {};
+  if (box.x0 >= box.x1 || box.y0 >= box.y1) return {};
   const int top = box.y0 / kAreaHeight;
   return {view * areas.rows + top, box.x0 / kAreaWidth, (box.x1 - 1) / kAreaWidth,
           (box.y1 - 1) / kAreaHeight - top + 1};
@@ -91,6 +90,9 @@ __device__ __forceinline__ uint64_t marks_between(int left, int right) {
   return kAll << (8 * max_of(left, 0)) & kAll >> (8 * (kMarksTogether - 1 - min_of(right, kMarksTogether - 1)));
 }
 
+// Marks the areas that triangles of the views may touch, a thread a triangle: those that its bounding box meets, or all
+// areas of its view where it has to be clipped. Bytes of a word are stored here and combined with others there; both
+// happen in the L2 cache, byte by byte, so that none is lost. projected: the vertices of all views, or null.
 __global__ void __launch_bounds__(kMarkThreads)
     mark_areas(const __grid_constant__ Frame f, const __grid_constant__ Areas areas, const Vertex* projected,
                ShortDivisor triangles, int64_t items) {

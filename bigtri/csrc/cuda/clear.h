@@ -11,7 +11,8 @@ inline namespace BIGTRI_NAMESPACE {
 // left out.
 Vertex* take_projected(Scratch* scratch, const Frame& f, bool wanted);
 
-// A frame's first kernel. projected: where the vertices go, or null.
+// A frame's first kernels: one, or where the frame has areas three, which mark, list and clear these. projected: where the
+// vertices go, or null.
 cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, cudaStream_t stream);
 
 }  // namespace BIGTRI_NAMESPACE

@@ -20,12 +20,12 @@ struct Kept {
   int device;
   cudaStream_t stream;
   int count;
-  const void* kernels[Launches::kMost];
-  bool overlaps[Launches::kMost];
+  const void* kernels[Launches::kMost] = {};
+  bool overlaps[Launches::kMost] = {};
   bool refused = false;  // no graph can be made or launched
   cudaGraph_t graph = nullptr;
   cudaGraphExec_t exec = nullptr;
-  cudaGraphNode_t nodes[Launches::kMost];
+  cudaGraphNode_t nodes[Launches::kMost] = {};
 
   Kept(int device, cudaStream_t stream, const Launch* launches, int count)
       : device(device), stream(stream), count(count) {
@@ -51,11 +51,11 @@ struct Kept {
   }
 };
 
-// The last used ones, the last one first; torch has 32 streams. Nothing destroys them when the process ends: the device
-// may be gone by then.
+// The last used ones, the last one first; torch has 32 streams. Nothing destroys them or the list when the process ends:
+// the device may be gone by then, and another thread may still draw.
 constexpr size_t kMostKept = 128;
-std::mutex mutex;
-std::list<Kept> kept;
+std::mutex& mutex = *new std::mutex;
+std::list<Kept>& kept = *new std::list<Kept>;
 
 cudaKernelNodeParams node_of(const Launch& launch) {
   cudaKernelNodeParams node = {};
@@ -112,6 +112,16 @@ bool may_be_graph(cudaStream_t stream) {
   return cudaStreamIsCapturing(stream, &capturing) == cudaSuccess && capturing == cudaStreamCaptureStatusNone;
 }
 
+// The calling thread's mode of capturing, as long as it lives.
+class Relaxed {
+ public:
+  Relaxed() { cudaThreadExchangeStreamCaptureMode(&mode_); }
+  ~Relaxed() { cudaThreadExchangeStreamCaptureMode(&mode_); }
+
+ private:
+  cudaStreamCaptureMode mode_ = cudaStreamCaptureModeRelaxed;
+};
+
 // Puts launches into a stream by a graph. False if they are not there: then they have to go one by one, which also says
 // what is wrong with them.
 bool put_graph(const Launch* launches, int count, cudaStream_t stream) {
@@ -119,6 +129,8 @@ bool put_graph(const Launch* launches, int count, cudaStream_t stream) {
   if (!may_be_graph(stream) || cudaGetDevice(&device) != cudaSuccess) return false;
   const Kept wanted(device, stream, launches, count);
   const std::lock_guard<std::mutex> lock(mutex);
+  // Another thread may be capturing, in the mode that forbids all threads what is unsafe in a capture: this is not in it.
+  const Relaxed relaxed;
   auto found = kept.begin();
   while (found != kept.end() && !found->is_same(wanted)) ++found;
   if (found == kept.end()) {  // a graph takes 70 us to make: not for what comes only once
@@ -131,17 +143,11 @@ bool put_graph(const Launch* launches, int count, cudaStream_t stream) {
   }
   kept.splice(kept.begin(), kept, found);
   if (found->refused) return false;
-  // Another thread may be capturing, in the mode that forbids all threads what is unsafe in a capture: this is not in it.
-  cudaStreamCaptureMode mode = cudaStreamCaptureModeRelaxed;
-  cudaThreadExchangeStreamCaptureMode(&mode);
-  const bool done = launch_graph(&*found, launches) == cudaSuccess;
-  if (!done) {
-    found->refused = true;
-    found->destroy();
-    cudaGetLastError();  // clears it
-  }
-  cudaThreadExchangeStreamCaptureMode(&mode);
-  return done;
+  if (launch_graph(&*found, launches) == cudaSuccess) return true;
+  found->refused = true;
+  found->destroy();
+  cudaGetLastError();  // clears it
+  return false;
 }
 
 }  // namespace

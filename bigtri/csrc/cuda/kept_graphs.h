@@ -20,7 +20,8 @@ struct Launch {
   void* parameters[kMostParameters];
 };
 
-// Notes the launches of the calling thread into one stream, as long as it lives.
+// Notes the launches of the calling thread into one stream, as long as it lives. One at a time in a thread; what is not
+// put() is not launched.
 class Launches {
  public:
   static constexpr int kMost = 8;

@@ -109,7 +109,7 @@ cudaError_t launch_now(bool overlaps, void (*kernel)(Parameters...), int64_t blo
   return launch_with(overlaps ? &attribute : nullptr, kernel, blocks, threads, shared_bytes, stream, arguments...);
 }
 
-// The same for what was noted, a kernel with these parameters; kOrder: 0, 1, ...
+// The same for a launch that was noted, of a kernel whose parameters have these types. kOrder: their numbers.
 template <class... Parameters, size_t... kOrder>
 cudaError_t launch_noted(const Launch& l, cudaStream_t stream, std::index_sequence<kOrder...>) {
   return launch_now(l.overlaps, reinterpret_cast<void (*)(Parameters...)>(const_cast<void*>(l.kernel)), l.blocks,
@@ -121,7 +121,7 @@ cudaError_t launch_or_note(bool overlaps, void (*kernel)(Parameters...), int64_t
                            int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
   Launches* const noting = Launches::into(stream);
   if (!noting) return launch_now(overlaps, kernel, blocks, threads, shared_bytes, stream, arguments...);
-  Launch l;
+  Launch l = {};
   l.kernel = reinterpret_cast<const void*>(kernel);
   l.put = [](const Launch& noted, cudaStream_t into) {
     return launch_noted<Parameters...>(noted, into, std::index_sequence_for<Parameters...>());
@@ -153,6 +153,7 @@ cudaError_t launch_next(Kernel kernel, int64_t blocks, int threads, int64_t shar
 template <class Kernel, class... Arguments>
 cudaError_t launch_together(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
                             const Arguments&... arguments) {
+  if (Launches* const noting = Launches::into(stream)) BIGTRI_CUDA(noting->put());  // they come first
   cudaLaunchAttribute attribute = {};
   attribute.id = cudaLaunchAttributeCooperative;
   attribute.val.cooperative = 1;

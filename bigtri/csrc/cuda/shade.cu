@@ -28,7 +28,7 @@ constexpr int kBeginThreads = kBeginWarps * kWarp;
 constexpr int kWordsOfArea = kAreaWidth * kAreaHeight / kWarp;
 constexpr int kWordsOfLarge = 4;
 constexpr int64_t kPixelsOfLarge = 4 << 20;
-constexpr int kPixelsAtOnce = 1 << 29;  // of whole areas that a launch is for, unless one view has more
+constexpr int kPixelsAtOnce = 1 << 29;  // of whole areas that a launch is for, twice what one view can have
 constexpr int kFewestPlaces = 4;      // for the clipped triangles of a block of begin_frame
 constexpr int kMostPlaces = 32;
 constexpr int kAllPlaces = 4096;  // of all blocks, where that gives each its fewest
@@ -50,7 +50,7 @@ struct Thresholds {
 
 // Memory that the kernels work with, and what the host computes for them.
 struct Work {
-  ShortDivisor width, height, triangles;  // of the buffer, in px; T
+  ShortDivisor width, triangles;          // of the buffer, in px; T
   Areas areas;                            // of the launch's views
   ShortDivisor area_columns, area_rows;   // of a view
   int64_t first_item;                     // views before those of the launch, times T
@@ -194,8 +194,8 @@ enum class Pixel { kBackground, kDrawn, kLeft };
 template <bool kPrepared>
 __device__ __forceinline__ Pixel shade_pixel(const Shading& job, const Work& work, const Place& at, int32_t triangle,
                                              Finished* out) {
-  // Prepared triangles have many pixels each, so that the number of those of a launch fits 32 bits.
-  const uint32_t number = at.view * (uint32_t)job.count + (uint32_t)triangle;
+  // Of a prepared one: these have many pixels each, so that the number of those of a launch fits 32 bits.
+  [[maybe_unused]] const uint32_t number = at.view * (uint32_t)job.count + (uint32_t)triangle;
   WholeTriangle whole;
   int32_t vertex[3];
   bool back;
@@ -254,7 +254,7 @@ __global__ void __launch_bounds__(kShadeThreads)
     fill_background(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   constexpr uint32_t kBytes = sizeof(uint4);
   wait_for_previous();
-  const uint32_t channels = (uint32_t)job.channels, rows = (uint32_t)job.views * work.height.by,
+  const uint32_t channels = (uint32_t)job.channels, rows = (uint32_t)job.views * (uint32_t)job.height,
                  bytes = rows * work.width.by * channels;
   const auto color_of = [&](uint32_t pixel) { return __ldg(work.background + work.width.quotient(pixel)); };
   const uint32_t whole = ((uintptr_t)job.image & (kBytes - 1)) == 0 ? bytes / kBytes : 0;
@@ -493,7 +493,6 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
   const int64_t triangles = job.views * job.count, blocks = (triangles + kBeginThreads - 1) / kBeginThreads;
   const int64_t rows = views_at_once(job) * job.height, pixels = rows * job.width;
   work.width = ShortDivisor((uint32_t)job.width);
-  work.height = ShortDivisor((uint32_t)job.height);
   work.triangles = ShortDivisor((uint32_t)max_of(job.count, 1));
   work.beside = has_beside(job);
   work.places =

@@ -20,7 +20,7 @@ struct Shading {
   int32_t count;  // T
   int height, width;  // of the visibility buffer, px; multiples of samples
   // Null, or memory for the areas of the visibility buffer (areas.h), of which the pass then reads only those listed there.
-  // Only where `areas` of the rung says so.
+  // Only where the rung's shades_areas() says so.
   void* areas;
   int samples;  // of a pixel of the picture along each axis
   int channels;  // of the picture: 3, or 4 with alpha

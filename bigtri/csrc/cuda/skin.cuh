@@ -136,7 +136,7 @@ struct SkinAtHand {
   __device__ __forceinline__ const CornerVectors& normal() const { return skin.normal; }
   __device__ __forceinline__ const CornerVectors& color() const { return skin.color; }
 };
-// Of one that an earlier kernel has written, or this warp, to memory.
+// Of one that an earlier kernel has written to memory.
 struct SkinInMemory {
   const Skin* skin;
   __device__ __forceinline__ SkinLook look() const { return loaded(&skin->look); }

@@ -125,7 +125,7 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   const Tensor drawing = scratch_of(variant.scratch_bytes(frame, values.data()), device);
   shading.job.packed = frame.packed;
   const Tensor scratch = scratch_of(rung.shading_scratch(shading.job), device);
-  const SideStream side(op, device, stream);
+  SideStream side(op, device, stream);
   check_launch(op, rung.begin_shading(shading.job, scratch.mutable_data_ptr(), side.stream()));
   check_launch(op, variant.draw(frame, values.data(), drawing.mutable_data_ptr(), stream));
   side.join();

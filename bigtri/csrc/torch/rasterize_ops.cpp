@@ -150,7 +150,7 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
       "map_work(Tensor positions, Tensor triangles, int height, int width, str cull, int[] scissor, str variant, str "
       "precision, int[] parameters, Tensor(a!) packed, Tensor(b!) dropped, Tensor(c!) counters, Tensor(d!) fragments, "
       "Tensor(e!) edges, Tensor(f!) tasks) -> ()");
-  // The same into new memory, by the standard variant: what most calls are. torch takes 0.1 to 0.5 us for each argument,
+  // rasterize into new memory, by the standard variant: what most calls are. torch takes 0.1 to 0.5 us for each argument,
   // and longer to make a tensor for Python than for an operator.
   m.def(
       "rasterize_new(Tensor positions, Tensor triangles, int height, int width, str cull, int[]? scissor, str "

@@ -10,7 +10,7 @@
 namespace bigtri {
 
 // What is put into stream() runs behind all that is in another stream now, and beside what comes into that one until
-// join(): that waits for it. A CUDA graph that captures the other stream captures this too. The calling thread has one
+// join(): that waits for it, also where an error ends the scope before. A CUDA graph that captures the other stream captures this too. The calling thread has one
 // such stream for each device, so that no thread's capture meets another thread's work.
 class SideStream {
  public:
@@ -23,22 +23,34 @@ class SideStream {
     let_wait(stream_, beside_);
   }
 
+  ~SideStream() {
+    if (!joined_) wait(beside_, stream_);  // nothing may be told in the midst of an error
+  }
+  SideStream(const SideStream&) = delete;
+  SideStream& operator=(const SideStream&) = delete;
+
   cudaStream_t stream() const { return stream_; }
-  void join() const { let_wait(beside_, stream_); }
+  void join() {
+    joined_ = true;
+    let_wait(beside_, stream_);
+  }
 
  private:
   // Lets a stream wait for all that is in another one now.
-  void let_wait(cudaStream_t waiting, cudaStream_t other) const {
+  static cudaError_t wait(cudaStream_t waiting, cudaStream_t other) {
     cudaEvent_t event;
-    check_launch(op_, cudaEventCreateWithFlags(&event, cudaEventDisableTiming));
+    const cudaError_t made = cudaEventCreateWithFlags(&event, cudaEventDisableTiming);
+    if (made != cudaSuccess) return made;
     const cudaError_t recorded = cudaEventRecord(event, other),
                       waits = recorded == cudaSuccess ? cudaStreamWaitEvent(waiting, event, 0) : recorded;
     cudaEventDestroy(event);  // when it is no longer needed
-    check_launch(op_, waits);
+    return waits;
   }
+  void let_wait(cudaStream_t waiting, cudaStream_t other) const { check_launch(op_, wait(waiting, other)); }
 
   const char* op_;
   cudaStream_t beside_, stream_;
+  bool joined_ = false;
 };
 
 }  // namespace bigtri
