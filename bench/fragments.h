@@ -3,7 +3,9 @@
 // triangles that need no clipping are drawn.
 #pragma once
 
+#if !defined(BIGTRI_RUNG)
 #define BIGTRI_RUNG exact
+#endif
 #include "core/attributes.h"
 #include "core/pixel_depth.h"
 #include "core/record.h"

@@ -186,6 +186,9 @@ def _draw_as_is(
     clip, faces = arguments.as_is(positions, torch.float32), arguments.as_is(triangles, torch.int32)
     if clip is None or faces is None or not 2 <= clip.ndim <= 3:
         return None
+    variants = native.REGISTRY.get("cuda" if clip.is_cuda else "cpu", {}).get(precision)
+    if not variants:
+        return None
     views = clip.shape[:-2]
     shape = (*views, height, width)
     try:
@@ -199,8 +202,7 @@ def _draw_as_is(
             image = arguments.as_is(depth_out, torch.float32)
         elif depth:
             image = memory.new(clip, shape, torch.float32)
-        variants = native.REGISTRY.get("cuda" if clip.is_cuda else "cpu", {}).get(precision)
-        if packed is None or (depth and image is None) or not variants:
+        if packed is None or (depth and image is None):
             return None
         picked = next(iter(variants.values()))
         values = native.parameter_values(op, picked, None)

@@ -35,7 +35,7 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 
 // Whether depth is computed so.
-constexpr bool kPairDepth = kSlowFloat64 && Rung::kDepth == DepthRule::kFloat64Cell;
+constexpr bool kPairDepth = kSlowFloat64 && Rung::kDepth == DepthRule::kFloat64Cell && kSubpixelBits <= 8;
 
 struct PairPlane {
   FloatPair z, dzdx, dzdy;  // at the anchor, a pixel's centre, and the change per px

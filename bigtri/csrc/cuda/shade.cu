@@ -347,12 +347,12 @@ __global__ void __launch_bounds__(kShadeThreads, 8)
   }
   if constexpr (kWords == 1) {
     if (covered) finish_word<kPrepared>(job, work, at, row, triangle);
-    return;
-  }
+  } else {
 #pragma unroll 1
-  for (; covered; covered &= covered - 1) {
-    look_at_word(job, work, start + __ffs(covered) - 1, &at, &row, &triangle);
-    finish_word<kPrepared>(job, work, at, row, triangle);
+    for (; covered; covered &= covered - 1) {
+      look_at_word(job, work, start + __ffs(covered) - 1, &at, &row, &triangle);
+      finish_word<kPrepared>(job, work, at, row, triangle);
+    }
   }
 }
 
