@@ -7,9 +7,7 @@
 #define BIGTRI_RUNG exact
 #endif
 #include "core/attributes.h"
-#include "core/pixel_depth.h"
-#include "core/record.h"
-#include "core/scanline.h"
+#include "core/row_fragments.h"
 #include "core/shading.h"
 #include "core/visibility.h"
 
@@ -110,26 +108,8 @@ BIGTRI_HD void draw_triangle(const FragmentJob& job, int64_t t) {
   ParentOf<1> parent;
   Record r;
   if (!whole_triangle(job.frame, t, &parent, &r)) return;
-  for (int y = r.y0; y < r.y1; ++y) {
-    int64_t lower = 0, upper = r.x1 - r.x0;
-    for (int k = 0; k < 3; ++k) {
-      const Edge e = edge_of(r.x, r.y, k);
-      cut_span(edge_steps(e, r.x0, y), -e.dy, &lower, &upper);
-    }
-    CellPlane plane = {0, r.dzdx, r.dzdy};
-    int cell = -1;
-    for (int x = r.x0 + (int)lower; x < r.x0 + (int)upper; ++x) {
-      DepthNumber z;
-      if (is_thin(r)) {
-        z = depth_at(r.x, r.y, r.z, r.area, x, y);
-      } else {
-        if (x / kBin != cell) plane.zcell = depth_at(r.x, r.y, r.z, r.area, x / kBin * kBin, y / kBin * kBin);
-        cell = x / kBin;
-        z = plane_row<DepthNumber>(plane.zcell, plane.dzdy, y % kBin) + plane_column<DepthNumber>(plane.dzdx, x % kBin);
-      }
-      keep<kWay>(job, parent, t, x, y, finish_depth(z, r.zmin, r.zmax));
-    }
-  }
+  for (int y = r.y0; y < r.y1; ++y)
+    for_each_fragment(r, y, [&](int x, float depth) { keep<kWay>(job, parent, t, x, y, depth); });
 }
 
 // A triangle that is set up, so that pixels next to each other need not do it again.

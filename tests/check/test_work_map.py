@@ -101,6 +101,7 @@ def test_the_sums_are_the_counters(name: str, variant: str) -> None:
         of = {name: work.counters.get(name, 0) for name in native.COUNTERS}
         assert sum(int(edges.sum()) for edges in work.edges) == of["edges_64"] + of["edges_32"]
         assert work.fragments.sum() == of["fragments"]
+        # by_tile() spreads a wide square's integer over its tiles: quotients of float64, and their sum.
         assert work.by_tile().sum() == pytest.approx(of["edges_64"] + of["edges_32"] + of["fragments"], rel=1e-12)
         assert (len(work.tasks), work.tasks.sum(), work.tasks[0]) == (of["tasks"], of["work"], of["most_work"])
         assert (np.diff(work.tasks) <= 0).all()

@@ -5,8 +5,7 @@
 
 #include <algorithm>
 
-#include "../core/pixel_depth.h"
-#include "../core/scanline.h"
+#include "../core/row_fragments.h"
 #include "atomic.h"
 #include "shares.h"
 
@@ -17,33 +16,13 @@ namespace {
 constexpr Parameter kParameters[] = {{"share", "triangles", "triangles that a task takes at a time", 256, 1, 1 << 20},
                                      {}};
 
-// Draws the pixels [x0 + lower, x0 + upper) of row y. The plane is anchored anew in each 64x64 px cell.
-void draw_row(const Record& r, int y, int64_t lower, int64_t upper, const Frame& view, Counts* counts) {
-  CellPlane plane = {0, r.dzdx, r.dzdy};
-  int cell = -1;
-  for (int x = r.x0 + (int)lower; x < r.x0 + (int)upper; ++x) {
-    DepthNumber z;
-    if (is_thin(r)) {
-      z = depth_at(r.x, r.y, r.z, r.area, x, y);
-    } else {
-      if (x / kBin != cell) plane.zcell = depth_at(r.x, r.y, r.z, r.area, x / kBin * kBin, y / kBin * kBin);
-      cell = x / kBin;
-      z = plane_row<DepthNumber>(plane.zcell, plane.dzdy, y % kBin) + plane_column<DepthNumber>(plane.dzdx, x % kBin);
-    }
-    keep_nearest_atomically(view.packed + (int64_t)y * view.view.width + x,
-                            pack_fragment(finish_depth(z, r.zmin, r.zmax), r.triangle), counts);
-    counts->add_fragments(1, x, y);
-  }
-}
-
 void draw_record(const Record& r, const Frame& view, Counts* counts) {
   for (int y = r.y0; y < r.y1; ++y) {
-    int64_t lower = 0, upper = r.x1 - r.x0;
-    for (int k = 0; k < 3; ++k) {
-      const Edge e = edge_of(r.x, r.y, k);
-      cut_span(edge_steps(e, r.x0, y), -e.dy, &lower, &upper);
-    }
-    draw_row(r, y, lower, upper, view, counts);
+    int64_t* const row = view.packed + (int64_t)y * view.view.width;
+    for_each_fragment(r, y, [&](int x, float depth) {
+      keep_nearest_atomically(row + x, pack_fragment(depth, r.triangle), counts);
+      counts->add_fragments(1, x, y);
+    });
     counts->add_edges(Counter::edges_64, 3, r.x0, y);
   }
   counts->add(Counter::records, 1);
