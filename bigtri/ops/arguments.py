@@ -179,6 +179,24 @@ def as_is(value: Array, dtype: torch.dtype) -> torch.Tensor | None:
     return None
 
 
+def for_operator(value: Array, dtype: torch.dtype) -> torch.Tensor | None:
+    """A tensor with which an operator that writes into none of its arguments does what it does with that of ``check_tensor``.
+
+    None where ``check_tensor`` has something to say or to do that torch does not do by itself. Less is looked at than by
+    ``as_is``, since torch's own rules resolve negated views and zeros without memory for such an operator, which checks the
+    dtype too.
+
+    Raises:
+        RuntimeError: no plain tensor: inside torch.vmap, torch.func or functionalization, or not dense.
+    """
+    if type(value) is not torch.Tensor:
+        return as_is(value, dtype)
+    value.data_ptr()  # there is none for what is not plain
+    if value.is_contiguous() and not value.requires_grad and (value.is_cuda or value.is_cpu):
+        return value
+    return None
+
+
 def all_as_is(*given: tuple[Array, torch.dtype]) -> list[torch.Tensor]:
     """``as_is`` of every value with its dtype; empty where it is None for one, and under torch.compile."""
     tensors: list[torch.Tensor] = []

@@ -16,6 +16,17 @@ inline int device_of(std::initializer_list<const Tensor*> tensors) {
   return kCpu;
 }
 
+// Makes a device the current one, as long as it lives. Nothing is to be undone where it is so already.
+class CurrentDevice {
+ public:
+  explicit CurrentDevice(int device) {
+    if (torch::stable::accelerator::getCurrentDeviceIndex() != device) guard_.emplace(device);
+  }
+
+ private:
+  std::optional<torch::stable::accelerator::DeviceGuard> guard_;
+};
+
 inline cudaStream_t current_stream(int device) {
   void* stream = nullptr;
   TORCH_ERROR_CODE_CHECK(aoti_torch_get_current_cuda_stream(device, &stream));
@@ -27,7 +38,7 @@ inline cudaStream_t current_stream(int device) {
 class WorkingMemory {
  public:
   explicit WorkingMemory(int64_t bytes) {
-    if (aoti_torch_cuda_caching_allocator_raw_alloc((uint64_t)bytes, &data_) != AOTI_TORCH_SUCCESS)
+    if (bytes > 0 && aoti_torch_cuda_caching_allocator_raw_alloc((uint64_t)bytes, &data_) != AOTI_TORCH_SUCCESS)
       fail("bigtri: no memory for ", bytes, " bytes to work with on the CUDA device");
   }
   ~WorkingMemory() {
