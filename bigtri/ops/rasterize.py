@@ -204,8 +204,10 @@ def _draw_new(
         clip, faces = arguments.for_operator(positions, torch.float32), arguments.for_operator(triangles, torch.int32)
         if clip is None or faces is None:
             return None
-        if not clip.is_cuda and (len(clip) if clip.ndim == 3 else 1) * height * width * 8 >= memory.SMALLEST:
-            return None  # `memory` hands it out
+        if not clip.is_cuda:
+            views = len(clip) if clip.ndim == 3 else 1
+            if not clip.is_cpu or views * height * width * 8 >= memory.SMALLEST:  # of large ones the memory is not torch's
+                return None
         if precision is _EXACT and cull is _NONE and scissor is None and depth:
             made = _rasterize_new(clip, faces, height, width)
         else:
