@@ -61,7 +61,8 @@ struct Kept {
   // How far the graph is from launching the same: a grid takes the driver longer to change than parameters.
   int distance(const Launch* launches) const {
     int d = 0;
-    for (int i = 0; i < count; ++i) d += has(launches[i], i) ? 0 : grids[i] == launches[i].grid ? 1 : 1 + Launches::kMost;
+    for (int i = 0; i < count; ++i)
+      d += has(launches[i], i) ? 0 : grids[i] == launches[i].grid ? 1 : 1 + Launches::kMost;
     return d;
   }
 

@@ -117,7 +117,8 @@ cudaError_t launch_now(bool overlaps, void (*kernel)(Parameters...), int64_t blo
 template <class... Parameters, size_t... kOrder>
 cudaError_t launch_noted(const Launch& l, cudaStream_t stream, std::index_sequence<kOrder...>) {
   return launch_now(l.overlaps, reinterpret_cast<void (*)(Parameters...)>(const_cast<void*>(l.kernel)), l.grid.blocks,
-                    (int)l.grid.threads, l.grid.shared_bytes, stream, *static_cast<Parameters*>(l.parameters[kOrder])...);
+                    (int)l.grid.threads, l.grid.shared_bytes, stream,
+                    *static_cast<Parameters*>(l.parameters[kOrder])...);
 }
 
 template <class... Parameters, class... Arguments>

@@ -95,8 +95,7 @@ NewResults rasterize_new_op(const Tensor& positions, const Tensor& triangles, in
                             const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
                             const std::string& precision, bool depth) {
   const char* op = "rasterize";
-  const Viewport view =
-      scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
+  const Viewport view = scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
   const Variant& standard = *find_rung(op, kCpuRungs, precision).variants[0];
   const int32_t views = checked_views(kCpu, positions, triangles, std::nullopt);
   const Parallel parallel = torch_threads();
