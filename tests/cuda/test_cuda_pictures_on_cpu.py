@@ -191,7 +191,7 @@ def test_transform() -> None:
 
 def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
     """With a limit of some views of these pictures, as 2^29 pixels are too many for a test."""
-    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", "kPixelsAtOnce = 1 << 29", "kPixelsAtOnce = 5000"))
+    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", "kSamplesAtOnce = 1 << 29", "kSamplesAtOnce = 5000"))
     pictures = [picture_of(48, (33, 47), views=5, channels=4), picture_of(49, (16, 31), 7, samples=2), of_many_clipped(900)]
     said = cuda_on_cpu.in_children([functools.partial(differences, library, [(p, drawn(p)) for p in pictures])])
     assert not said, said
@@ -200,7 +200,7 @@ def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [
-        ("shade_pixels.cuh", "*row = word.view * job.height + word.y;", "*row = word.y;", "values of image"),
+        ("shade_words.cuh", "*row = word.view * work.height + word.y;", "*row = word.y;", "values of image"),
         ("shade_begin.cuh", "place = kNoPlace;", "place = 0;", "picture 2"),
         ("shade_pixels.cuh", "work.projected + at.view * job.vertices", "work.projected", "picture 3"),
         ("shade_pixels.cuh", "if (pixels >= kWarp && ((uintptr_t)bytes & 3) == 0) {", "if (true) {", "access beyond memory"),
