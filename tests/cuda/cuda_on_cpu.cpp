@@ -599,7 +599,7 @@ int shade_on_cpu(const PictureOnCpu* p) {
   job.channels = (int)p->channels;
   kernel = 0;
   const Memory scratch((size_t)BIGTRI_RUNG::shading_scratch(job), 0x7f);
-  const Memory buffer((size_t)(p->packed || p->drawn ? 0 : 8 * samples), 0x7f);
+  const Memory buffer((size_t)(p->packed || p->drawn ? 0 : 8 * samples), 0);  // triangle 0, in front of all others
   const int width = job.width / job.samples, height = job.height / job.samples;
   const Memory areas((size_t)areas_bytes(width, height, job.views), 0x7f);
   int error = 0;

@@ -225,9 +225,9 @@ def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
 )
 def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path) -> None:
     """Rows of the next view, more clipped triangles than there is memory for, its vertices, a picture's end; the background's
-    channels, a triangle's last row of areas, those of one to be clipped, and all in a row but the first; areas and clearing as if a
-    pixel were one sample, samples of another view, their background; of a pixel that is left, samples that are not, and whether
-    any is."""
+    channels, a triangle's last row of areas, those of one to be clipped, and all in a row but the first; areas and clearing as
+    if a pixel were one sample, samples of another view, their background; of a pixel that is left, samples that are not, and
+    whether any is."""
     library = cuda_on_cpu.build(tmp_path / "build", (file, old, new))
     small = picture_of(47, (90, 33), views=3, made=False, count=2000)
     shared = of_shared_vertices(52, (33, 47), 3)
