@@ -15,9 +15,9 @@ namespace {
 
 thread_local Launches* noting = nullptr;
 
-// Kernels that were launched into a stream together, and from the second time on a graph of them with what it launches them
-// with now. Of each stream, because two launches of one graph never run at the same time. It has nothing of the stream
-// itself, which may be gone.
+// Kernels that were launched into a stream together, and from the second time on a graph of them, with the grids and
+// values that it has now. Of each stream, because two launches of one graph never run at the same time. It has nothing of
+// the stream itself, which may be gone.
 struct Kept {
   int device;
   cudaStream_t stream;
@@ -78,8 +78,8 @@ struct Kept {
 // The last used ones, the last one first; torch has 32 streams. Nothing destroys them or the list when the process ends:
 // the device may be gone by then, and another thread may still draw.
 constexpr size_t kMostKept = 128;
-// Graphs of the same kernels in a stream. A loop that lets a result go when it has the next one gets its memory in turns from
-// two places, and so a graph for each, which is launched as it is.
+// Graphs of the same kernels in a stream. A loop that lets a result go when it has the next one gets memory for it in
+// turns from two places, and so a graph for each, which is launched as it is.
 constexpr int kMostAlike = 4;
 std::mutex& mutex = *new std::mutex;
 std::list<Kept>& kept = *new std::list<Kept>;
@@ -152,9 +152,9 @@ class Relaxed {
   cudaStreamCaptureMode mode_ = cudaStreamCaptureModeRelaxed;
 };
 
-// The graph to launch them by: of those of the same kernels the one with the least to change, and of those the one that was
-// used longest ago; a new one while there may be more, unless one has nothing to change. Null where they come for the first
-// time, for a graph takes 70 us to make, or where a graph was refused.
+// The graph to launch them by: one of the same kernels that has nothing to change; else a new one while there may be more
+// of them; else the one with the least to change, and of several the one used longest ago. Null where they come for the
+// first time, for a graph takes 70 us to make, or where one was refused.
 Kept* graph_for(int device, cudaStream_t stream, const Launch* launches, int count) {
   auto best = kept.end();
   int alike = 0, least = 0;

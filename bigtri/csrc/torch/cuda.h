@@ -33,8 +33,8 @@ inline cudaStream_t current_stream(int device) {
   return static_cast<cudaStream_t>(stream);
 }
 
-// Memory for launches in the current stream of the current device, from torch's allocator. Given back at the end, when the
-// launches are in the stream: torch reuses it in stream order. A third of what a tensor takes.
+// Memory for launches in the current stream of the current device, from torch's allocator. Given back at the end, when
+// the launches are in the stream: torch reuses it in stream order. A third of what a tensor takes.
 class WorkingMemory {
  public:
   explicit WorkingMemory(int64_t bytes) {

@@ -113,9 +113,11 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   frame.packed = packed ? data<int64_t>(*packed) : static_cast<int64_t*>(buffer.data());
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
   const bool seen = packed || depth;  // by the caller
-  const bool lists_areas = !seen && height * width >= kPixelsOfAreas && variant.lists_areas &&
+  const bool lists_areas = !seen && height * width >= kSamplesOfAreas && variant.lists_areas &&
                            variant.lists_areas(frame, values.data()) && rung.shades_areas(shading.job);
-  const WorkingMemory areas(lists_areas ? areas_bytes((int)width, (int)height, frame.views) : 0);
+  const int samples = shading.job.samples;
+  const WorkingMemory areas(lists_areas ? areas_bytes((int)width / samples, (int)height / samples, frame.views) : 0);
+  if (lists_areas) frame.area_samples = samples;
   frame.areas = shading.job.areas = areas.data();
   const WorkingMemory drawing(variant.scratch_bytes(frame, values.data()));
   shading.job.packed = frame.packed;
