@@ -13,6 +13,12 @@ std::string cuda_variants_op(std::string precision) {
   return registry_text(find_rung("cuda_variants", kCudaRungs, precision).variants);
 }
 
+int device_of_positions(const Tensor& positions) {
+  BIGTRI_CHECK(positions.defined() && positions.is_cuda(),
+               "bigtri::rasterize: positions must be on a CUDA device like the others, got ", describe(positions));
+  return positions.get_device_index();
+}
+
 // Draws into the current stream of the device, where there is something to draw.
 void enqueue(const char* op, const CudaVariant& variant, const Frame& frame, const std::vector<int64_t>& values,
              int device) {
@@ -38,9 +44,7 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
       find_variant(op, counters ? kCountingCudaVariants : rung.variants, variant, precision, " on CUDA");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
   check_unserved(samples, behind);
-  BIGTRI_CHECK(positions.defined() && positions.is_cuda(),
-               "bigtri::rasterize: positions must be on a CUDA device like the others, got ", describe(positions));
-  const int device = positions.get_device_index();
+  const int device = device_of_positions(positions);
   Frame frame = {};
   frame.view = viewport(op, height, width, cull, scissor);
   const int32_t views = checked_views(device, positions, triangles, ranges);
@@ -60,7 +64,7 @@ NewResults rasterize_new_cuda_op(const Tensor& positions, const Tensor& triangle
   const CudaVariant& standard = *find_rung(op, kCudaRungs, precision).variants[0];
   Frame frame = {};
   frame.view = scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
-  const int device = device_of({&positions});
+  const int device = device_of_positions(positions);
   const int32_t views = checked_views(device, positions, triangles, std::nullopt);
   check_count(op, "triangles", triangles.size(0));
   NewResults made = new_results(device, positions, height, width, depth);
