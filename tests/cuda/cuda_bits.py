@@ -29,6 +29,7 @@ PATHS: dict[str, dict[str, int]] = {
     "few": {"few": EVERY},
     "few warps": {"few": EVERY, "warps": 4},
     "many warps": {"few": EVERY, "warps": 16},
+    "low regions": {"few": EVERY, "region": 4},
     "rows": {"few": 0},
     "narrow": {"few": 0, "widest": 20},
     "even": {"few": 0, "share": 256},
