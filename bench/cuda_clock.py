@@ -232,7 +232,7 @@ def kernels(call: Call, calls: int = 5) -> dict[str, float]:
 def short_name(kernel: str) -> str:
     """A kernel's name without return type, namespaces and arguments."""
     kernel = re.sub(r"\(anonymous namespace\)::|<unnamed>::|\bbigtri::|^void ", "", kernel)
-    return re.sub(r"\([\w ]+\)(?=\d)", "", kernel).split("(")[0][:70]  # without the types of template arguments
+    return re.sub(r"\([\w: ]+\)(?=\d)", "", kernel).split("(")[0][:70]  # without the types of template arguments
 
 
 # --- rows

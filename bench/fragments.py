@@ -45,6 +45,10 @@ CSRC = Path(bigtri.__file__).parent / "csrc"
 # The bits are those of setup.py's flags.
 HOST_FLAGS = ["-O3", "-ffp-contract=off", "-pthread"]
 CUDA_FLAGS = ["-O3", "-fmad=false", "-prec-div=true", "-prec-sqrt=true", "-ftz=false"]
+SOURCES = {
+    "cpu": (HERE / "fragments.cpp", CSRC / "cpu/thread_pool.cpp"),
+    "cuda": (HERE / "fragments.cu", CSRC / "cuda/kept_graphs.cu"),
+}
 GUARD = 4  # screens to either side: within the guard band at any size up to 16384 px
 SCENES = "R4k,R16k-close,R100k,S2,S3,S4f,S4b"
 WAYS = ("packed", "locked", "coloured", "coloured all")  # in the order of fragments.h
@@ -83,11 +87,10 @@ class Row:
 
 
 def library(device: str) -> ctypes.CDLL:
-    """fragments.cu or .cpp, built by torch and kept in its folder of extensions."""
-    sources = [HERE / "fragments.cu"] if device == "cuda" else [HERE / "fragments.cpp", CSRC / "cpu/thread_pool.cpp"]
+    """`SOURCES`, built by torch and kept in its folder of extensions."""
     path = cpp_extension.load(
         f"bigtri_fragments_{device}",
-        [str(source) for source in sources],
+        [str(source) for source in SOURCES[device]],
         extra_cflags=HOST_FLAGS,
         extra_cuda_cflags=CUDA_FLAGS,
         extra_include_paths=[str(CSRC)],

@@ -200,11 +200,11 @@ def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [
-        ("shade.cu", "*row = word.view * job.height + word.y;", "*row = word.y;", "values of image"),
-        ("shade.cu", "place = kNoPlace;", "place = 0;", "picture 2"),
-        ("shade.cu", "work.projected + at.view * job.vertices", "work.projected", "picture 3"),
-        ("shade.cu", "if (pixels >= kWarp && ((uintptr_t)bytes & 3) == 0) {", "if (true) {", "access beyond memory"),
-        ("shade.cu", "(shift + 8 * k) % 24", "shift % 24", "alone, picture 4"),
+        ("shade_pixels.cuh", "*row = word.view * job.height + word.y;", "*row = word.y;", "values of image"),
+        ("shade_begin.cuh", "place = kNoPlace;", "place = 0;", "picture 2"),
+        ("shade_pixels.cuh", "work.projected + at.view * job.vertices", "work.projected", "picture 3"),
+        ("shade_pixels.cuh", "if (pixels >= kWarp && ((uintptr_t)bytes & 3) == 0) {", "if (true) {", "access beyond memory"),
+        ("shade_begin.cuh", "(shift + 8 * k) % 24", "shift % 24", "alone, picture 4"),
         ("clear.cu", "(box.y1 - 1) / kAreaHeight - top + 1}", "(box.y1 - 1) / kAreaHeight - top}", "alone, picture 4"),
         ("clear.cu", "PixelBox box = {0, 0, f.view.width, f.view.height};", "PixelBox box = {0, 0, 1, 1};", "alone, picture 6"),
         ("clear.cu", "kAll << (8 * max_of(left, 0))", "kAll << 8 << (8 * max_of(left, 0))", "alone, picture 6"),

@@ -1,0 +1,70 @@
+// What the kernels of the shading pass share: the memory that they work with, and which words of an image they read.
+#pragma once
+
+#include "areas.h"
+#include "launch.cuh"
+#include "short_divisor.cuh"
+#include "weights.cuh"
+
+namespace bigtri {
+inline namespace BIGTRI_NAMESPACE {
+namespace {
+
+constexpr int kShadeWarps = 4;  // of a block, in all kernels but begin_frame
+constexpr int kShadeThreads = kShadeWarps * kWarp;
+constexpr int kBeginWarps = 8;
+constexpr int kBeginThreads = kBeginWarps * kWarp;
+constexpr int kWordsOfArea = kAreaWidth * kAreaHeight / kWarp;  // a word is 32 pixels of a row
+constexpr uint8_t kNoPlace = 255;  // in Work::place: a clipped triangle that found no memory
+
+// Memory that the kernels work with, and what the host computes for them.
+struct Work {
+  ShortDivisor width, triangles;          // of the buffer, in px; T
+  Areas areas;                            // of the launch's views
+  ShortDivisor area_columns, area_rows;   // of a view
+  int64_t first_item;                     // views before those of the launch, times T
+  bool beside;                            // whether something is wanted beside the picture
+  Lookups lookups;
+  uint32_t* background;        // [views * H]: of each row, the lowest byte first; null where samples are added up
+  uint32_t* any_left;          // [1]: whether pixels are left to shade_left
+  // Of each row of the buffer, a bit for each pixel: whether it is not the background; null where nobody asks.
+  uint32_t* drawn;
+  PreparedTriangle* prepared;  // [views, T], or null
+  ProjectedVertex* projected;  // [views, V], or null
+  uint8_t* place;              // [views, T]: of a clipped triangle, its place among its block's, or kNoPlace; else 0
+  ClippedTriangle* clipped;    // [blocks of begin_frame with triangles, places]
+  int places;
+};
+
+// Where a pixel lies, or the first one of a word.
+struct Place {
+  uint32_t view;
+  int x, y;
+};
+
+// Words of the areas that the pass reads. Some lie beyond the image.
+__device__ __forceinline__ uint32_t word_count(const Work& work) {
+  return (work.areas.count ? *work.areas.count : (uint32_t)all_areas(work.areas)) * kWordsOfArea;
+}
+__device__ __forceinline__ Place word_at(const Work& work, uint32_t i) {
+  const uint32_t number = i / kWordsOfArea;
+  uint32_t view, row, column;
+  if (work.areas.list) {
+    const Area area = work.areas.list[number];
+    view = (uint32_t)area.view, row = area.row, column = area.column;
+  } else {
+    const uint32_t row_of_all = work.area_columns.quotient(number);
+    view = work.area_rows.quotient(row_of_all);
+    row = row_of_all - view * work.area_rows.by;
+    column = number - row_of_all * work.area_columns.by;
+  }
+  return {view, (int)(column * kAreaWidth + i % 2 * kWarp), (int)(row * kAreaHeight + i / 2 % kAreaHeight)};
+}
+static_assert(kAreaWidth == 2 * kWarp, "an area's row is two words");
+
+// Words of a row of the buffer.
+__host__ __device__ __forceinline__ int row_words(const Shading& job) { return (job.width + kWarp - 1) / kWarp; }
+
+}  // namespace
+}  // namespace BIGTRI_NAMESPACE
+}  // namespace bigtri
