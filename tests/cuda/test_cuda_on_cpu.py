@@ -216,8 +216,8 @@ def test_frames_that_launch_the_same_kernels() -> None:
     """The first one's are launched one by one, later ones by a graph, with parameters and sizes of their own."""
     library = cuda_on_cpu.kernels()
     jobs = [
-        job(case_of(name), "bin_owned", {"few": 0, "share": 8, "warps": warps})
-        for warps in (4, 8)
+        job(case_of(name), "bin_owned", {"few": 0, "share": share})
+        for share in (8, 128)
         for name in ("mixed", "crowded", "clipped_fans")
     ]
 

@@ -18,41 +18,40 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int64_t kMostKept = 1 << 16;
-constexpr int64_t kWarpsAllowed[] = {0, 4, 8, kMostWarps, -1};
+constexpr int64_t kWarpsAllowed[] = {0, 8, kMostWarps, -1};
 constexpr int64_t kRegionsAllowed[] = {0, 4, 8, kRegion, -1};
-#define BIGTRI_LIST(X)                                                                                              \
-  X(few, "triangles",                                                                                               \
-    "up to so many, and 16 for each warp of a block, every block sets up all of them by itself; up to 256 only in " \
-    "an image that has many pixels for each",                                                                       \
-    kFewTriangles, 0, kMostKept)                                                                                    \
-  X(warps, "warps",                                                                                                 \
-    "of a block that owns a patch of 64 px by 4 px a warp; 0: 16 for 129 and more that are few, else 8", 0, 0,      \
-    kMostWarps, kWarpsAllowed)                                                                                      \
-  X(region, "px", "rows of a warp's 16 px wide part of a patch; 0: 16", 0, 0, kRegion, kRegionsAllowed)             \
-  BIGTRI_BLOCKS_PARAMETER(X)                                                                                        \
-  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,           \
-    kMostEntries)                                                                                                   \
-  BIGTRI_QUEUE_PARAMETER(X)                                                                                         \
-  BIGTRI_WIDEST_PARAMETER(X)                                                                                        \
-  BIGTRI_SHARE_PARAMETER(X)                                                                                         \
+#define BIGTRI_LIST(X)                                                                                                \
+  X(few, "triangles",                                                                                                 \
+    "up to so many, and 16 for each warp of a block, every block sets up all of them by itself; up to 256 only in "   \
+    "an image that has many pixels for each",                                                                         \
+    kFewTriangles, 0, kMostKept)                                                                                      \
+  X(warps, "warps",                                                                                                   \
+    "of a block, where triangles are few: four regions of its patch side by side; 0: 8 for up to 128, else 16", 0, 0, \
+    kMostWarps, kWarpsAllowed)                                                                                        \
+  X(region, "px",                                                                                                     \
+    "rows of a warp's 16 px wide region, where triangles are few; 0: 4 in images of up to 2^17 px, 8 up to 2^20, "    \
+    "else 16",                                                                                                        \
+    0, 0, kRegion, kRegionsAllowed)                                                                                   \
+  BIGTRI_BLOCKS_PARAMETER(X)                                                                                          \
+  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,             \
+    kMostEntries)                                                                                                     \
+  BIGTRI_QUEUE_PARAMETER(X)                                                                                           \
+  BIGTRI_WIDEST_PARAMETER(X)                                                                                          \
+  BIGTRI_SHARE_PARAMETER(X)                                                                                           \
   X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 // --- few
 
-// Triangles that a block can set up by itself, a thread each at most. A record for each, and for the parts of clipped ones
+// Triangles that a block of so many warps can set up by itself. A record for each, and for the parts of clipped ones
 // three more a warp, are what shared memory has room for beside the entries.
-constexpr int most_few(int warps, int region) {
-  const int most = region < kRegion ? 32 * warps : 16 * warps;
-  return most < kFewTriangles ? most : kFewTriangles;
-}
+constexpr int most_few(int warps) { return 16 * warps; }
 
 // Shared memory of a block that sets up all triangles itself.
 template <class P>
 struct FewShared {
-  static constexpr int kWarps = P::kWarps, kMost = most_few(kWarps, P::Region::kHeight);  // triangles
-  // Records at a time, the parts of clipped triangles among them; a thread looks at one.
-  static constexpr int kRecords = kMost + 3 * kWarps < P::kThreads ? kMost + 3 * kWarps : P::kThreads;
+  static constexpr int kWarps = P::kWarps, kMost = most_few(kWarps);  // triangles
+  static constexpr int kRecords = kMost + 3 * kWarps;  // at a time, the parts of clipped triangles among them
   union {
     PatchShared<P> patch;  // has to come first
     Vertex corners[3 * kMost];  // all vertices, or three for each triangle
@@ -82,7 +81,8 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<P>* s) {
   int32_t corner[3];  // where the thread's triangle has its own
   const bool valid = t < f.count && load_indices(f, t, corner);
   if (f.vertices <= 3 * FewShared<P>::kMost) {  // all vertices, each once, and without waiting for the indices
-    constexpr int kEach = (3 * FewShared<P>::kMost + kThreads - 1) / kThreads;
+    constexpr int kEach = 2;
+    static_assert(kEach * kThreads >= 3 * FewShared<P>::kMost, "all of them");
     project_vertices<kEach>(f, t, kThreads, f.vertices, [&](const Vertex& p, int64_t i) { s->corners[i] = p; });
   } else {
     project_corners(f, s->corners, t, kThreads);
@@ -170,8 +170,7 @@ __global__ void __launch_bounds__(P::kThreads, 32 / P::kWarps) draw_few(const __
 template <class P>
 cudaError_t launch_few(const Frame& f, const Values& v, cudaStream_t stream) {
   int blocks;
-  BIGTRI_CUDA(blocks_for(draw_few<P>, P::kThreads, sizeof(FewShared<P>), P::count(f.view),
-                         v.blocks, &blocks));
+  BIGTRI_CUDA(blocks_for(draw_few<P>, P::kThreads, sizeof(FewShared<P>), P::count(f.view), v.blocks, &blocks));
   return launch_first(draw_few<P>, blocks, P::kThreads, sizeof(FewShared<P>), stream, f, (int)v.entries);
 }
 
@@ -230,26 +229,28 @@ __global__ void __launch_bounds__(block_threads(kWay), blocks_held(kWay))
   });
 }
 
+// Most of what waits is slivers and few large triangles: small blocks share it better.
+using WaitingPatch = Patch<8, kRegion / 4>;
+
 // Draws what waits: blocks their patches of all views, from the lists, and slivers.
-template <class P>
-__global__ void __launch_bounds__(P::kThreads, 32 / P::kWarps)
+__global__ void __launch_bounds__(WaitingPatch::kThreads, 32 / WaitingPatch::kWarps)
     draw_waiting(const __grid_constant__ Frame f, const __grid_constant__ Waiting w, int room) {
   __shared__ SliverShared shared;
-  begin_turn<P, true>(f, blockIdx.x);
+  begin_turn<WaitingPatch, true>(f, blockIdx.x);
   wait_for_previous();
   let_next_begin();
   const uint64_t count = *w.count(), slivers = *w.sliver_count();
-  if ((count | slivers) == 0) return;  // as in most frames: known after one wait instead of two
+  if ((count | slivers) == 0) return;  // as in most frames: known after one wait for memory instead of two
   if (count > 0) {
-    if (threadIdx.x == 0) patch_shared<P>()->begin((int)*w.common_count(), true);
+    if (threadIdx.x == 0) patch_shared<WaitingPatch>()->begin((int)*w.common_count(), true);
     __syncthreads();
-    draw_patches<P>(f, ListedCandidates(w, count > w.common_below), room);
+    draw_patches<WaitingPatch>(f, ListedCandidates(w, count > w.common_below), room);
   }
   draw_slivers(
-      f, w.slivers, (int)min_of<uint64_t>(reread(*w.sliver_count()), w.room), w.bands, [](int) { return true; }, &shared);
+      f, w.slivers, (int)min_of<uint64_t>(reread(*w.sliver_count()), w.room), w.bands, [](int) { return true; },
+      &shared);
 }
 
-template <class P>
 cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   Rows r = take_rows(&scratch, f, v);
@@ -264,35 +265,45 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);
   }));
+  constexpr int kThreads = WaitingPatch::kThreads, kBytes = sizeof(PatchShared<WaitingPatch>);
   int for_patches;
-  BIGTRI_CUDA(blocks_for(draw_waiting<P>, P::kThreads, sizeof(PatchShared<P>),
-                         (int64_t)P::count(f.view) * f.views, v.blocks, &for_patches));
-  BIGTRI_CUDA(launch_next(draw_waiting<P>, for_patches, P::kThreads, sizeof(PatchShared<P>), stream, f,
-                          r.waiting, (int)v.entries));
+  BIGTRI_CUDA(blocks_for(draw_waiting, kThreads, kBytes, (int64_t)WaitingPatch::count(f.view) * f.views, v.blocks,
+                         &for_patches));
+  BIGTRI_CUDA(launch_next(draw_waiting, for_patches, kThreads, kBytes, stream, f, r.waiting, (int)v.entries));
   return launch_depth(f, v.blocks, stream);
 }
 
 // ---
 
 // Where triangles are few for the image, they are large, or most of its patches are empty and rows are sooner done: a
-// number says nothing of which. These lose least of both, 2 us at most, where the other choice may lose 30. Rows of more
-// triangles are spread over more blocks, while each block of `few` sets up all of them.
-inline double least_pixels_of_few(int64_t count) { return count <= 32 ? 400 : count <= 128 ? 1000 : 3000; }
+// number says nothing of which. This loses least of both: half of the time at most, where the other choice may take twice
+// as long. Rows of more triangles are spread over more blocks, while each block of `few` sets up all of them.
+constexpr double kLeastPixelsOfFew = 200;
 bool are_few(const Frame& f, const Values& v) {
-  const int most = most_few(v.warps > 0 ? (int)v.warps : v.region > 0 && v.region < kRegion ? 8 : 16, v.region > 0 ? (int)v.region : kRegion);
-  return f.views == 1 && !f.ranges && f.count <= min_of<int64_t>(v.few, most) &&
-         (v.few > kFewTriangles || pixels_each(f) >= least_pixels_of_few(f.count));
+  return f.views == 1 && !f.ranges &&
+         f.count <= min_of<int64_t>(v.few, most_few(v.warps > 0 ? (int)v.warps : kMostWarps)) &&
+         (v.few > kFewTriangles || pixels_each(f) >= kLeastPixelsOfFew);
 }
 
-// The rows' blocks merge what waits, which is mostly slivers and few large triangles: small blocks share it better.
 int warps_of(const Frame& f, const Values& v) {
-  return v.warps > 0 ? (int)v.warps : are_few(f, v) && f.count > most_few(8, v.region > 0 ? (int)v.region : kRegion) ? 16 : 8;
+  return v.warps > 0 ? (int)v.warps : f.count > most_few(8) ? kMostWarps : 8;
 }
 
-template <class P>
-cudaError_t launch(const Frame& f, const Values& v, void* scratch, cudaStream_t stream) {
-  if (are_few(f, v)) return launch_few<P>(f, v, stream);
-  return launch_rows<P>(f, v, scratch, stream);
+// Low regions give a small image enough blocks for the device, and a warp fewer triangles to draw one after the other.
+// With more blocks than the device has multiprocessors it is what all of them do that counts: each sets up all triangles.
+int region_of(const Frame& f, const Values& v) {
+  if (v.region > 0) return (int)v.region;
+  const int64_t pixels = (int64_t)f.view.width * f.view.height;
+  return pixels <= 1 << 17 ? 4 : pixels <= 1 << 20 ? 8 : kRegion;
+}
+
+template <int kWarps>
+cudaError_t launch_few_with(const Frame& f, const Values& v, cudaStream_t stream) {
+  switch (region_of(f, v)) {
+    case 4: return launch_few<Patch<kWarps, 1>>(f, v, stream);
+    case 8: return launch_few<Patch<kWarps, 2>>(f, v, stream);
+    default: return launch_few<Patch<kWarps, 4>>(f, v, stream);
+  }
 }
 
 int64_t scratch_bytes(const Frame& f, const int64_t* values) {
@@ -305,12 +316,8 @@ int64_t scratch_bytes(const Frame& f, const int64_t* values) {
 cudaError_t draw(const Frame& f, const int64_t* values, void* scratch, cudaStream_t stream) {
   const Values v = Values::of(values);
   return launch_as_one(stream, [&] {
-    const int rows = v.region > 0 ? (int)v.region / 4 : 4;
-    switch (warps_of(f, v) * 10 + rows) {
-#define X(W, R) case W * 10 + R: return launch<Patch<W, R>>(f, v, scratch, stream);
-    X(4, 1) X(4, 2) X(4, 4) X(8, 1) X(8, 2) X(8, 4) X(16, 1) X(16, 2) X(16, 4)
-    }
-    return cudaErrorInvalidValue;
+    if (!are_few(f, v)) return launch_rows(f, v, scratch, stream);
+    return warps_of(f, v) == kMostWarps ? launch_few_with<kMostWarps>(f, v, stream) : launch_few_with<8>(f, v, stream);
   });
 }
 

@@ -193,8 +193,7 @@ struct RegionOf {
 #pragma unroll
       for (int row = 0; row < kLaneRows; ++row) store_pair(to + row * down, best[2 * row], best[2 * row + 1]);
     } else {  // where a lane's pixels do not lie in one place of 16 bytes, its second and the next lane's first do
-      const bool shifted =
-          ((uintptr_t)to & 15) != 0;  // all rows are, or none: they are an even number of rows apart
+      const bool shifted = ((uintptr_t)to & 15) != 0;  // all rows are, or none: they are an even number of rows apart
       const bool first = (lane_id() & 7) == 0, last = (lane_id() & 7) == 7;
 #pragma unroll
       for (int row = 0; row < kLaneRows; ++row) {

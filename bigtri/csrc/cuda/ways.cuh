@@ -85,7 +85,7 @@ static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 // Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones. Nor do
 // the blocks of a few triangles, where most of the device has nothing to do. Where an image has many pixels, what waits
 // for blocks that own them takes long to begin.
-constexpr int kFewTriangles = 256;
+constexpr int64_t kFewTriangles = 256;
 inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
