@@ -8,16 +8,19 @@ graph that is replayed (cuda_clock.py). Every picture is compared with the CPU's
 * `pass`: the operator `shade` alone, of a visibility buffer that was drawn before.
 * `drawing`: `rasterize` alone, into a visibility buffer.
 
+With several samples a pixel along each axis these say so: `picture supersample=2`. Sizes are always those of the picture.
+
 With --kernels, also what each kernel of a picture takes by torch's profiler. GB/s is that of the pass: 8 bytes a sample read
 and a picture written, the least that it has to move.
 
     python bench/cuda_pictures.py --csv build/gpu/pictures.csv --kernels
-    python bench/cuda_pictures.py --scenes courtyard --model duck.glb spot.obj --sizes 1920x1080 --supersample 2
+    python bench/cuda_pictures.py --scenes courtyard --model duck.glb spot.obj --sizes 1920x1080 --supersample 1,2
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -68,10 +71,9 @@ class Bench:
         self.clock, self.where, self.options, self.device = clock, where, arguments, device
         self.rows: list[Row] = []
 
-    def picture(self, name: str, scene: Scene, job: Job) -> None:
-        samples, precision = self.options.supersample, self.options.precision
-        cameras = cameras_of(name, scene, job)
-        given = scene, cameras, (job.height, job.width), plan_for(scene), samples, precision
+    def picture(self, name: str, scene: Scene, job: Job, samples: int) -> None:
+        cameras, named = cameras_of(name, scene, job), f" supersample={samples}" if samples > 1 else ""
+        given = scene, cameras, (job.height, job.width), plan_for(scene), samples, self.options.precision
         on_cpu = target(*given, torch.device("cpu"))
         on_cpu.draw()
         one = target(*given, self.device)
@@ -85,14 +87,15 @@ class Bench:
                 one.image.fill_(77)
                 again()
                 wrong = int((one.image.cpu() != on_cpu.image).any(-1).sum())
-            row = cuda_clock.row_of(job, what, len(one.triangles), "graph", us, wrong, self.where)
+            row = cuda_clock.row_of(job, what + named, len(one.triangles), "graph", us, wrong, self.where)
             self.rows.append(row)
             medians[what] = row.us_median
         moved = 8 * one.packed.numel() + one.image.numel()
         rate = f"{moved / medians['pass'] / 1e3:.0f} GB/s"
         times = "  ".join(f"{what} {text_of(median)}" for what, median in medians.items())
         bad = sum(row.wrong_pixels or 0 for row in self.rows[-2:])
-        print(f"{name:12} {job.size:12} {times}  {rate}{f'  WRONG: {bad} pixels' if bad else ''}", flush=True)
+        wrong_too = f"  WRONG: {bad} pixels" if bad else ""
+        print(f"{name:12} {job.size:12} x{samples * samples} {times}  {rate}{wrong_too}", flush=True)
         if self.options.kernels and self.device.type == "cuda":
             for kernel, spent in cuda_clock.kernels(one.draw).items():
                 print(f"    {text_of(spent):>6}  {kernel}")
@@ -104,7 +107,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--model", nargs="*", type=Path, default=[], help="files to draw too")
     parser.add_argument("--sizes", default=SIZES, help="WIDTHxHEIGHT,..., or none")
     parser.add_argument("--batches", default=BATCHES, help="VIEWSxHEIGHTxWIDTH,..., or none; not of the courtyard")
-    parser.add_argument("--supersample", type=int, default=1, help="samples of a pixel along each axis")
+    parser.add_argument("--supersample", default="1", metavar="N,...", help="samples of a pixel along each axis")
     parser.add_argument("--precision", default="exact", choices=list(RUNGS))
     parser.add_argument("--seconds", type=float, default=0.02, help="to measure for")
     parser.add_argument("--kernels", action="store_true", help="say what each kernel takes")
@@ -128,10 +131,11 @@ def main() -> None:
     batches = [] if arguments.batches == "none" else [batch(text) for text in arguments.batches.split(",")]
     for name, make in chosen.items():
         scene = make()
-        for width, height in sizes:
-            bench.picture(name, scene, Job(name, width, height, 1))
-        for views, height, width in batches if name != "courtyard" else ():
-            bench.picture(name, scene, Job(name, width, height, 1, views))
+        jobs = [Job(name, width, height, 1) for width, height in sizes]
+        if name != "courtyard":
+            jobs += [Job(name, width, height, 1, views) for views, height, width in batches]
+        for job, samples in itertools.product(jobs, map(int, arguments.supersample.split(","))):
+            bench.picture(name, scene, job, samples)
     if arguments.csv:
         benchmark.write_csv(arguments.csv, bench.rows, cuda_clock.DIGITS)
     if wrong := sum(row.wrong_pixels or 0 for row in bench.rows):

@@ -599,8 +599,9 @@ int shade_on_cpu(const PictureOnCpu* p) {
   job.channels = (int)p->channels;
   kernel = 0;
   const Memory scratch((size_t)BIGTRI_RUNG::shading_scratch(job), 0x7f);
-  const Memory buffer((size_t)(p->packed || p->drawn ? 0 : 8 * samples), 0x7f);
-  const Memory areas((size_t)areas_bytes(job.width, job.height, job.views), 0x7f);
+  const Memory buffer((size_t)(p->packed || p->drawn ? 0 : 8 * samples), 0);  // triangle 0, in front of all others
+  const int width = job.width / job.samples, height = job.height / job.samples;
+  const Memory areas((size_t)areas_bytes(width, height, job.views), 0x7f);
   int error = 0;
   if (p->packed) {
     error |= BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
@@ -621,8 +622,10 @@ int shade_on_cpu(const PictureOnCpu* p) {
     for (const Parameter* parameter = variant.parameters; parameter->name; ++parameter)
       values.push_back(parameter->standard);
     if (!p->drawn && !p->depth && variant.lists_areas && variant.lists_areas(f, values.data()) &&
-        BIGTRI_RUNG::shades_areas(job))
+        BIGTRI_RUNG::shades_areas(job)) {
       f.areas = job.areas = areas.of<char>();
+      f.area_samples = job.samples;
+    }
     const Memory work(variant.scratch_bytes(f, values.data()), 0x7f);
     error |= BIGTRI_RUNG::begin_shading_cuda(job, scratch.of<char>(), nullptr);
     error |= variant.draw(f, values.data(), work.of<char>(), nullptr);

@@ -150,8 +150,21 @@ def of_shared_vertices(seed: int, resolution: tuple[int, int], views: int) -> Pi
 
 def of_parts() -> Iterator[Picture]:
     """Many triangles that lie in a part of the image, each view's elsewhere; and such of which some have to be clipped."""
-    rng = np.random.default_rng(70)
-    for k, (size, views, channels) in enumerate([((90, 1050), 2, 3), ((75, 131), 3, 4), ((16, 64), 70, 3), ((40, 2113), 1, 3)]):
+    yield from _of_parts(70, [((90, 1050), 2, 3, 1), ((75, 131), 3, 4, 1), ((16, 64), 70, 3, 1), ((40, 2113), 1, 3, 1)])
+    clipped = of_many_clipped(100)
+    yield clipped._replace(positions=clipped.positions.repeat(2, 1, 1), resolution=(160, 400), made=False)
+
+
+def of_parts_of_samples() -> Iterator[Picture]:
+    """The same of several samples a pixel."""
+    yield from _of_parts(90, [((45, 525), 2, 3, 2), ((37, 66), 3, 4, 2), ((25, 131), 2, 3, 3), ((16, 64), 5, 4, 3)])
+    clipped = of_many_clipped(100)
+    yield clipped._replace(positions=clipped.positions.repeat(2, 1, 1), resolution=(80, 201), samples=2, made=False)
+
+
+def _of_parts(seed: int, shapes: list[tuple[tuple[int, int], int, int, int]]) -> Iterator[Picture]:
+    rng = np.random.default_rng(seed)
+    for k, (size, views, channels, samples) in enumerate(shapes):
         w = rng.uniform(1, 2, (views, 300, 1, 1))
         centre = rng.uniform(-0.3, 0.3, (views, 300, 1, 2)) + np.stack([np.linspace(-0.6, 0.6, views)] * 2, 1)[:, None, None]
         corners = centre + rng.normal(0, 0.02, (views, 300, 3, 2)) * [size[0] / size[1], 1]
@@ -159,10 +172,8 @@ def of_parts() -> Iterator[Picture]:
         positions = np.concatenate([corners * w, depths * w, np.broadcast_to(w, depths.shape)], 3).reshape(views, -1, 4)
         triangles = torch.arange(900, dtype=torch.int32).view(-1, 3)
         surface = surface_of(rng, 900, 300)
-        yield Picture(torch.from_numpy(positions.astype(np.float32)), triangles, surface, size, channels=channels, made=False)
-        yield picture_of(71 + k, size, views, made=False, channels=channels, count=300)
-    clipped = of_many_clipped(100)
-    yield clipped._replace(positions=clipped.positions.repeat(2, 1, 1), resolution=(160, 400), made=False)
+        yield Picture(torch.from_numpy(positions.astype(np.float32)), triangles, surface, size, samples, channels, made=False)
+        yield picture_of(seed + 1 + k, size, views, samples=samples, made=False, channels=channels, count=300)
 
 
 def of_every_effect() -> Iterator[Picture]:
@@ -206,8 +217,8 @@ def of_many_textures() -> Iterator[Picture]:
     yield picture_of(41, (30, 40), more=140, count=400)
 
 
-def of_many_clipped(count: int) -> Picture:
-    """More clipped triangles than are listed, and each of them to be seen."""
+def of_many_clipped(count: int, whole: int = 0) -> Picture:
+    """More clipped triangles than are listed, and each of them to be seen. whole: among them every so many is not clipped."""
     rng = np.random.default_rng(50)
     side = int(np.ceil(np.sqrt(count)))
     cell = np.arange(count)
@@ -217,10 +228,19 @@ def of_many_clipped(count: int) -> Picture:
     for k, (dx, dy) in enumerate(((-1, -1), (1, -1))):
         corners[:, k] = np.stack([x + dx / side, y + dy / side, rng.uniform(0.1, 0.8, count), np.ones(count)], 1)
     corners[:, 2] = np.stack([x * 0.9, y * 0.9 + 1.5 / side, np.full(count, -1.2), np.full(count, 1.0)], 1)
+    if whole:
+        corners[::whole, 2] = np.stack([x, y + 1 / side, np.full(count, 0.5), np.ones(count)], 1)[::whole]
     triangles = torch.arange(3 * count, dtype=torch.int32).view(-1, 3)
     positions = torch.from_numpy(corners.reshape(1, -1, 4).astype(np.float32))
     surface = surface_of(rng, 3 * count, count)
     return Picture(positions, triangles, surface, (96, 128))
+
+
+def of_many_clipped_samples() -> Iterator[Picture]:
+    """The same where pixels have several samples: of such triangles, of others and of the background."""
+    for whole, samples, channels in ((0, 2, 3), (3, 2, 4), (2, 3, 3)):
+        picture = of_many_clipped(900, whole)
+        yield picture._replace(resolution=(47, 65), samples=samples, channels=channels, made=samples == 2)
 
 
 def with_bad_indices(picture: Picture) -> tuple[Picture, torch.Tensor]:

@@ -13,8 +13,10 @@ from picture_cases import (
     full_screen,
     of_every_effect,
     of_many_clipped,
+    of_many_clipped_samples,
     of_many_textures,
     of_parts,
+    of_parts_of_samples,
     of_samples,
     outputs,
     picture_of,
@@ -61,7 +63,8 @@ def pictures() -> list[Picture]:
         picture_of(60, (1080, 1920), count=3000),
         picture_of(61, (256, 256), views=40, count=500, made=False),
     ]
-    return [*of_every_effect(), *of_samples(), *of_many_textures(), *lights, of_many_clipped(900), *large]
+    clipped = [of_many_clipped(900), *of_many_clipped_samples()]
+    return [*of_every_effect(), *of_samples(), *of_many_textures(), *lights, *clipped, *of_parts_of_samples(), *large]
 
 
 @pytest.mark.parametrize("number", range(len(pictures())))
@@ -90,17 +93,31 @@ def test_every_rung_without_a_visibility_buffer(precision: str, samples: int) ->
     assert torch.equal(images[0][0], images[1][0]) and torch.equal(images[0][1], images[1][1])
 
 
-@pytest.mark.parametrize(("resolution", "channels"), [((1080, 1920), 3), ((1237, 1403), 4), ((1500, 1001), 3)])
-def test_pictures_of_a_part_of_a_large_image(resolution: tuple[int, int], channels: int) -> None:
+@pytest.mark.parametrize(
+    ("resolution", "channels", "samples"),
+    [
+        ((1080, 1920), 3, 1),
+        ((1237, 1403), 4, 1),
+        ((1500, 1001), 3, 1),
+        ((540, 960), 3, 2),
+        ((617, 701), 4, 2),
+        ((411, 467), 3, 3),
+    ],
+)
+def test_pictures_of_a_part_of_a_large_image(resolution: tuple[int, int], channels: int, samples: int) -> None:
     """What no triangle may touch is neither cleared nor read."""
-    assert resolution[0] * resolution[1] >= 1_500_000  # kPixelsOfAreas
+    assert resolution[0] * resolution[1] * samples**2 >= 1_500_000  # kSamplesOfAreas
     for picture in of_parts():
-        picture = picture._replace(positions=picture.positions[:3].contiguous(), resolution=resolution, channels=channels)
+        picture = picture._replace(
+            positions=picture.positions[:3].contiguous(), resolution=resolution, channels=channels, samples=samples
+        )
         images = []
         for one in (picture, to_device(picture, DEVICE)):
             poison(0xCD, 1 << 28)
             image = outputs(one).image
-            dropped = draw(one.positions, one.triangles, one.cull, one.surface, image, 1, Made(), None, RUNGS[DEFAULT], "native")
+            dropped = draw(
+                one.positions, one.triangles, one.cull, one.surface, image, samples, Made(), None, RUNGS[DEFAULT], "native"
+            )
             images.append((image, dropped))
         assert same(images[0][0], images[1][0]) and same(images[0][1], images[1][1])
 

@@ -19,8 +19,10 @@ from picture_cases import (
     full_screen,
     of_every_effect,
     of_many_clipped,
+    of_many_clipped_samples,
     of_many_textures,
     of_parts,
+    of_parts_of_samples,
     of_samples,
     of_shared_vertices,
     outputs,
@@ -118,6 +120,10 @@ def test_pictures_of_a_part_of_the_image() -> None:
     assert_right(list(of_parts()))
 
 
+def test_pictures_of_a_part_of_the_image_of_several_samples_a_pixel() -> None:
+    assert_right(list(of_parts_of_samples()))
+
+
 def test_any_number_of_textures_and_of_lights() -> None:
     assert_right(
         [full_screen((90, 33)), *of_many_textures(), picture_of(42, (20, 30), lights=0), picture_of(43, (20, 30), lights=9)]
@@ -125,9 +131,10 @@ def test_any_number_of_textures_and_of_lights() -> None:
 
 
 def test_more_clipped_triangles_than_are_listed() -> None:
+    """Those that find no memory are clipped once more, and with them all samples of a pixel are finished once more."""
     picture = of_many_clipped(900)
     assert len(drawn(picture).packed.unique()) > 600
-    assert_right([picture])
+    assert_right([picture, *of_many_clipped_samples()])
 
 
 def test_no_triangles_and_no_vertices() -> None:
@@ -191,7 +198,7 @@ def test_transform() -> None:
 
 def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
     """With a limit of some views of these pictures, as 2^29 pixels are too many for a test."""
-    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", "kPixelsAtOnce = 1 << 29", "kPixelsAtOnce = 5000"))
+    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", "kSamplesAtOnce = 1 << 29", "kSamplesAtOnce = 5000"))
     pictures = [picture_of(48, (33, 47), views=5, channels=4), picture_of(49, (16, 31), 7, samples=2), of_many_clipped(900)]
     said = cuda_on_cpu.in_children([functools.partial(differences, library, [(p, drawn(p)) for p in pictures])])
     assert not said, said
@@ -200,19 +207,27 @@ def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [
-        ("shade_pixels.cuh", "*row = word.view * job.height + word.y;", "*row = word.y;", "values of image"),
+        ("shade_words.cuh", "*row = word.view * work.height + word.y;", "*row = word.y;", "values of image"),
         ("shade_begin.cuh", "place = kNoPlace;", "place = 0;", "picture 2"),
         ("shade_pixels.cuh", "work.projected + at.view * job.vertices", "work.projected", "picture 3"),
         ("shade_pixels.cuh", "if (pixels >= kWarp && ((uintptr_t)bytes & 3) == 0) {", "if (true) {", "access beyond memory"),
         ("shade_begin.cuh", "(shift + 8 * k) % 24", "shift % 24", "alone, picture 4"),
-        ("clear.cu", "(box.y1 - 1) / kAreaHeight - top + 1}", "(box.y1 - 1) / kAreaHeight - top}", "alone, picture 4"),
+        ("clear.cu", "row_of(box.y1 - 1) - top + 1}", "row_of(box.y1 - 1) - top}", "alone, picture 4"),
         ("clear.cu", "PixelBox box = {0, 0, f.view.width, f.view.height};", "PixelBox box = {0, 0, 1, 1};", "alone, picture 6"),
         ("clear.cu", "kAll << (8 * max_of(left, 0))", "kAll << 8 << (8 * max_of(left, 0))", "alone, picture 6"),
+        ("clear.cu", "samples.quotient((uint32_t)x) / kAreaWidth", "x / kAreaWidth", "alone, picture 7"),
+        ("clear.cu", "kAreaHeight * f.area_samples", "kAreaHeight", "alone, picture 7"),
+        ("shade_samples.cuh", "(sample.view * job.height + sample.y)", "sample.y", "shade, picture 7"),
+        ("shade_samples.cuh", "finish_behind(work, place.y,", "finish_behind(work, 0,", "shade, picture 7"),
+        ("shade_left.cuh", "if (triangle >= 0 && !wanted) sample", "if (false) sample", "shade, picture 8"),
+        ("shade_left.cuh", "mine |= is_left", "mine = is_left", "shade, picture 8"),
     ],
 )
 def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path) -> None:
     """Rows of the next view, more clipped triangles than there is memory for, its vertices, a picture's end; the background's
-    channels, a triangle's last row of areas, those of one to be clipped, and all in a row but the first."""
+    channels, a triangle's last row of areas, those of one to be clipped, and all in a row but the first; areas and clearing as
+    if a pixel were one sample, samples of another view, their background; of a pixel that is left, samples that are not, and
+    whether any is."""
     library = cuda_on_cpu.build(tmp_path / "build", (file, old, new))
     small = picture_of(47, (90, 33), views=3, made=False, count=2000)
     shared = of_shared_vertices(52, (33, 47), 3)
@@ -223,6 +238,8 @@ def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path
         shared,
         *itertools.islice(of_parts(), 2),
         list(of_parts())[-1],
+        next(of_parts_of_samples()),
+        list(of_many_clipped_samples())[1],
     )
     wanted = [(p, drawn(p)) for p in pictures]
     assert said in cuda_on_cpu.in_children([functools.partial(differences, library, wanted)])

@@ -36,8 +36,10 @@ struct Frame {
   int32_t first_triangle;  // the id of triangle 0; the others' follow
   // [views, 2], each view's first triangle and number of triangles; null: all in every view. In host memory always.
   const int32_t* ranges;
-  // Null, or on CUDA memory for its areas (cuda/areas.h): what no triangle may touch need not be written.
+  // Null, or on CUDA memory for the areas (cuda/areas.h) of a picture that has so many samples a pixel along each axis: what
+  // no triangle may touch need not be written.
   void* areas;
+  int area_samples;
 };
 
 // The triangles [first, end) of a view. A triangle's id is its place in the whole list.

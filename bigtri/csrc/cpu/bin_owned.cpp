@@ -11,6 +11,7 @@
 #include <atomic>
 #include <climits>
 #include <memory>
+#include <numeric>
 #include <vector>
 
 #include "counting.h"
@@ -70,7 +71,36 @@ struct Chunk {
   int64_t view;               // within the group
   int64_t begin, end;         // triangles, half-open
   int64_t slot, slots, used;  // first slot, slots reserved, slots that got a record
+  int64_t candidates;         // of all its records
   int64_t dropped;            // triangles
+};
+
+// Records that are held at once, by slot. A slot without candidates has no record.
+struct Batch {
+  const Record* records;
+  const uint32_t* candidates;  // of each slot
+  const Chunk *begin, *end;
+
+  // Takes slots from `first` to at most `last`, as long as they have no more than `most` candidates together, but at
+  // least one that has any. Returns where it stopped. A chunk that fits is taken as a whole: where most triangles cover
+  // nothing, nearly all slots are empty, and one thread goes through them while the others wait.
+  int64_t take(int64_t first, int64_t last, int64_t most, int64_t* total) const {
+    const Chunk* k =
+        std::upper_bound(begin, end, first, [](int64_t slot, const Chunk& c) { return slot < c.slot; }) - 1;
+    int64_t at = first, sum = 0;
+    for (; at < last; ++k) {
+      const int64_t stop = k->slot + k->slots, used = std::min(k->slot + k->used, last);
+      if (at == k->slot && stop <= last && sum + k->candidates <= most) {
+        sum += k->candidates;
+      } else {
+        for (; at < used && (sum == 0 || sum + candidates[at] <= most); ++at) sum += candidates[at];
+        if (at < used) break;
+      }
+      at = std::min(stop, last);
+    }
+    *total = sum;
+    return at;
+  }
 };
 
 // Upper bound on the records of triangles [begin, end): one of a triangle that is not clipped, else kMaxSubTriangles.
@@ -147,7 +177,7 @@ class Drawing {
     for (int64_t view = 0; view < group.views; ++view) {
       const Range range = range_of(group, view);
       for (int64_t begin = range.first; begin < range.end; begin += size)
-        chunks.push_back({view, begin, std::min(range.end, begin + size), 0, 0, 0, 0});
+        chunks.push_back({view, begin, std::min(range.end, begin + size), 0, 0, 0, 0, 0});
     }
     for (Chunk& k : chunks) k.slots = k.end - k.begin;
     if (group.any_clipped)
@@ -179,7 +209,9 @@ class Drawing {
         Chunk& k = chunks[begin + i];
         k.used = current_kernels().setup.setup(job_of(k.view), k.begin, k.end, records + k.slot, candidates + k.slot,
                                                &k.dropped);
-        std::fill(candidates + k.slot + k.used, candidates + k.slot + k.slots, 0u);
+        uint32_t* const first = candidates + k.slot;
+        k.candidates = std::accumulate(first, first + k.used, int64_t{0});
+        std::fill(first + k.used, first + k.slots, 0u);
       });
       // First slot of each view of the batch; the last element ends the last view.
       std::vector<int64_t> view_begin;
@@ -191,29 +223,28 @@ class Drawing {
         counts_.add(Counter::bytes, chunks[i].used * (int64_t)sizeof(Record));
       }
       view_begin.push_back(slots);
-      draw_records(records, candidates, first_view, view_begin,
-                   end == chunks.size() || chunks[end].view != chunks[end - 1].view);
+      const Batch batch = {records, candidates, chunks.data() + begin, chunks.data() + end};
+      draw_records(batch, first_view, view_begin, end == chunks.size() || chunks[end].view != chunks[end - 1].view);
       begin = end;
     }
   }
 
   // Draws a batch, in as many passes as most_candidates_ asks for. The records of view first_view + v are in the slots
-  // [view_begin[v], view_begin[v + 1]). A slot without candidates has no record.
+  // [view_begin[v], view_begin[v + 1]).
   // Whether the batch ends its last view is ends_last; it ends every other.
-  void draw_records(const Record* records, const uint32_t* candidates, int64_t first_view,
-                    const std::vector<int64_t>& view_begin, bool ends_last) {
+  void draw_records(const Batch& batch, int64_t first_view, const std::vector<int64_t>& view_begin, bool ends_last) {
     const int64_t count = view_begin.back();
-    job_.records = records;
+    job_.records = batch.records;
     size_t view = 0;
     for (int64_t begin = 0; begin < count;) {
-      int64_t end = begin, total = 0;
-      while (end < count && (total == 0 || total + candidates[end] <= most_candidates_)) total += candidates[end++];
+      int64_t total;
+      const int64_t end = batch.take(begin, count, most_candidates_, &total);
       while (begin >= view_begin[view + 1]) ++view;
       size_t last = view;
       while (end > view_begin[last + 1]) ++last;
       if (total)
-        pass(records, candidates, begin, end, total, first_view + (int64_t)view, (int64_t)(last - view) + 1,
-             view_begin.data() + view, end == view_begin[last + 1] && (end < count || ends_last));
+        pass(batch, begin, end, total, first_view + (int64_t)view, (int64_t)(last - view) + 1, view_begin.data() + view,
+             end == view_begin[last + 1] && (end < count || ends_last));
       begin = end;
     }
   }
@@ -223,24 +254,23 @@ class Drawing {
   // Count: each run writes its pairs and counts them per bin. Place: running sums turn the counts into
   // places in `entries`. Scatter: each run copies its entries there. Places follow the order of the runs, so the
   // lists do not depend on the threads. ends_last: no later pass has records of the last view.
-  void pass(const Record* records, const uint32_t* candidates, int64_t begin, int64_t end, int64_t total,
-            int64_t first_view, int64_t views, const int64_t* view_begin, bool ends_last) {
+  void pass(const Batch& batch, int64_t begin, int64_t end, int64_t total, int64_t first_view, int64_t views,
+            const int64_t* view_begin, bool ends_last) {
     if (open_view_ < first_view) finish_open_view();
     const int64_t bins = views * job_.bins;
     const int64_t wanted = std::min({(int64_t)(parallel_.threads > 1 ? 4 * parallel_.threads : 1), total / 2048 + 1,
                                      std::max<int64_t>(1, kMostCounts / bins)});
     std::vector<int64_t> bounds = {begin}, pair_begin = {0};
-    int64_t sum = 0, next = total / wanted;  // the sum at which the next run begins
-    for (int64_t i = begin; (int64_t)bounds.size() < wanted && i + 1 < end; ++i) {
-      sum += candidates[i];
-      if (sum < next) continue;
-      bounds.push_back(i + 1);
-      pair_begin.push_back(sum);
-      next = (int64_t)bounds.size() * total / wanted;
+    for (int64_t at = begin, sum = 0; (int64_t)bounds.size() < wanted;) {
+      int64_t of_run;
+      at = batch.take(at, end, (int64_t)bounds.size() * total / wanted - sum, &of_run);
+      if (at == end) break;
+      bounds.push_back(at);
+      pair_begin.push_back(sum += of_run);
     }
     const int64_t runs = (int64_t)bounds.size();
     bounds.push_back(end);
-    const BinJob job = {records, candidates, view_begin, job_.bins_x, job_.bins};
+    const BinJob job = {batch.records, batch.candidates, view_begin, job_.bins_x, job_.bins};
     BinPair* const pairs = (*workspace_).pairs.room<BinPair>(total);
     uint32_t* const counts = (*workspace_).counts.room<uint32_t>(runs * bins);
     std::fill(counts, counts + runs * bins, 0u);

@@ -65,7 +65,7 @@ __device__ __forceinline__ MarkBox of_lane(const MarkBox& b, int lane) {
 
 // The box of triangle `item` of all views.
 __device__ __forceinline__ MarkBox mark_box(const Frame& f, const Areas& areas, const Vertex* projected,
-                                            const ShortDivisor& triangles, int64_t item) {
+                                            const ShortDivisor& triangles, const ShortDivisor& samples, int64_t item) {
   const int64_t view = triangles.quotient_of_any(item), vertex = view * (f.view_stride / 4);
   int32_t index[3];
   if (!load_indices(f, (int32_t)(item - view * f.count), index)) return {};
@@ -79,9 +79,10 @@ __device__ __forceinline__ MarkBox mark_box(const Frame& f, const Areas& areas, 
     box = pixel_box(x, y, f.view);
   }
   if (box.x0 >= box.x1 || box.y0 >= box.y1) return {};
-  const int top = box.y0 / kAreaHeight;
-  return {view * areas.rows + top, box.x0 / kAreaWidth, (box.x1 - 1) / kAreaWidth,
-          (box.y1 - 1) / kAreaHeight - top + 1};
+  const auto column_of = [&](int x) { return (int)samples.quotient((uint32_t)x) / kAreaWidth; };
+  const auto row_of = [&](int y) { return (int)samples.quotient((uint32_t)y) / kAreaHeight; };
+  const int top = row_of(box.y0);
+  return {view * areas.rows + top, column_of(box.x0), column_of(box.x1 - 1), row_of(box.y1 - 1) - top + 1};
 }
 
 // Of marks that lie together, those from column left to column right.
@@ -95,14 +96,14 @@ __device__ __forceinline__ uint64_t marks_between(int left, int right) {
 // happen in the L2 cache, byte by byte, so that none is lost. projected: the vertices of all views, or null.
 __global__ void __launch_bounds__(kMarkThreads)
     mark_areas(const __grid_constant__ Frame f, const __grid_constant__ Areas areas, const Vertex* projected,
-               ShortDivisor triangles, int64_t items) {
+               ShortDivisor triangles, ShortDivisor samples, int64_t items) {
   constexpr int kOwn = 8;  // a triangle with more is the whole warp's, so that a large one does not hold up a lane
   let_next_begin();
   if (projected) wait_for_previous();
   // A warp's triangles lie apart in the mesh: neighbours are alike, and large ones take long.
   const int64_t item = (int64_t)threadIdx.x * gridDim.x + blockIdx.x;
   MarkBox box = {};
-  if (item < items) box = mark_box(f, areas, projected, triangles, item);
+  if (item < items) box = mark_box(f, areas, projected, triangles, samples, item);
   wait_for_previous();
   const bool small = box.rows * (box.right - box.left + 1) <= kOwn;
   for (int down = 0; small && down < box.rows; ++down)
@@ -121,7 +122,7 @@ __global__ void __launch_bounds__(kMarkThreads)
 }
 
 // Lists the areas that are marked, and clears them. A block takes so many areas of a row at a time as marks are read
-// together, a row of pixels a warp.
+// together, a row of samples a warp.
 constexpr int kAreaThreads = 256;
 __host__ __device__ inline int row_parts(const Areas& areas) { return areas.pitch / kMarksTogether; }
 __global__ void __launch_bounds__(kAreaThreads)
@@ -143,24 +144,22 @@ __global__ void __launch_bounds__(kAreaThreads)
       place = __shfl_sync(kAllLanes, place, 0) + __popc(marked & lanes_below());
       if (mine) areas.list[place] = {(int32_t)view, (uint16_t)(first + lane_id()), (uint16_t)row};
     }
-    const int bottom = min_of((row + 1) * kAreaHeight, f.view.height);
-    for (int y = row * kAreaHeight + this_warp(); y < bottom; y += kAreaThreads / kWarp) {
+    const int width = kAreaWidth * f.area_samples, height = kAreaHeight * f.area_samples,
+              bottom = min_of((row + 1) * height, f.view.height);
+    for (int y = row * height + this_warp(); y < bottom; y += kAreaThreads / kWarp) {
       int64_t* const pixels = pixels_of(f, view) + (int64_t)y * f.view.width;
       for (unsigned todo = marked; todo; todo &= todo - 1) {
-        const int left = (first + __ffs(todo) - 1) * kAreaWidth;
+        const int left = (first + __ffs(todo) - 1) * width, right = min_of(left + width, f.view.width);
         if (in_pairs) {
-          const int x = left + 2 * lane_id();
-          if (x < f.view.width) reinterpret_cast<longlong2*>(pixels)[x / 2] = make_longlong2(kBackground, kBackground);
+          for (int x = left + 2 * lane_id(); x < right; x += 2 * kWarp)
+            reinterpret_cast<longlong2*>(pixels)[x / 2] = make_longlong2(kBackground, kBackground);
         } else {
-          for (int x = left + lane_id(); x < min_of(left + kAreaWidth, f.view.width); x += kWarp)
-            pixels[x] = kBackground;
+          for (int x = left + lane_id(); x < right; x += kWarp) pixels[x] = kBackground;
         }
       }
     }
   }
 }
-static_assert(kAreaWidth == 2 * kWarp, "a warp clears a row");
-
 }  // namespace
 
 Vertex* take_projected(Scratch* scratch, const Frame& f, bool wanted) {
@@ -177,7 +176,7 @@ cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, 
   BIGTRI_CUDA(multiprocessors(&processors));
   const int64_t pixels = (int64_t)f.views * f.view.width * f.view.height,
                 vertices = f.view_stride ? f.views * f.vertices : f.vertices;
-  const Areas areas = areas_of(f);
+  const Areas areas = f.areas ? areas_of(f) : Areas{};
   const Zeros marks = {areas.count, f.areas ? area_mark_bytes(areas) / (int64_t)sizeof(uint32_t) : 0};
   const int64_t each = f.areas ? max_of(max_of(zeros.count, marks.count), (int64_t)f.views) : (pixels + 1) / 2;
   const int64_t clearing = max_of<int64_t>(
@@ -189,7 +188,7 @@ cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, 
   const int64_t items = (int64_t)f.views * f.count;
   if (items > 0)
     BIGTRI_CUDA(launch_next(mark_areas, (items + kMarkThreads - 1) / kMarkThreads, kMarkThreads, 0, stream, f, areas,
-                            projected, ShortDivisor((uint32_t)f.count), items));
+                            projected, ShortDivisor((uint32_t)f.count), ShortDivisor((uint32_t)f.area_samples), items));
   return launch_next(clear_areas, grid_blocks(area_rows(areas) * row_parts(areas), 1), kAreaThreads, 0, stream, f,
                      areas);
 }

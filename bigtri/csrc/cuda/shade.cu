@@ -6,7 +6,6 @@
 
 #include "shade_begin.cuh"
 #include "shade_left.cuh"
-#include "shade_samples.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -15,26 +14,27 @@ namespace {
 // begin_frame makes tables, clips what has to be clipped, each triangle once, and where a triangle has many pixels on
 // average, it sets up all of them; where areas are listed (areas.h), fill_background makes a picture of nothing but
 // background. Both may run beside the frame's own kernels. Behind all these shade_listed finishes the areas that are
-// listed, or shade_all all areas, a pixel a lane. Pixels of a clipped triangle for which there was no memory are left to
-// shade_left, which ends at once where there are none. Where several samples make a pixel all of them work on samples, and
-// add_samples adds those up.
+// listed, or shade_all all areas, a pixel of the picture a lane, with all of its samples. Pixels of a clipped triangle for
+// which there was no memory are left to shade_left, which ends at once where there are none.
 
 // Of a large picture a warp takes several words together.
 constexpr int kWordsOfLarge = 4;
 constexpr int64_t kPixelsOfLarge = 4 << 20;
-constexpr int kPixelsAtOnce = 1 << 29;  // of whole areas that a launch is for, twice what one view can have
+// Of whole areas that a launch is for, twice what one view can have.
+constexpr int kSamplesAtOnce = 1 << 29;
 
-struct Layout {
-  Work work;
-  float* linear;  // of the samples, where the caller does not ask for it
-};
-
-int64_t views_at_once(const Shading& job) {
-  const int64_t of_view = all_areas(areas_of(job.width, job.height, 1, nullptr)) * kAreaWidth * kAreaHeight;
-  return max_of<int64_t>(1, min_of(job.views, kPixelsAtOnce / of_view));
+// The areas of some views of the picture.
+Areas picture_areas(const Shading& job, int64_t views, void* memory) {
+  return areas_of(job.width / job.samples, job.height / job.samples, views, memory);
 }
 
-bool has_beside(const Shading& job) { return job.albedo || job.normals || job.linear || job.samples > 1; }
+int64_t views_at_once(const Shading& job) {
+  const int64_t of_view =
+      all_areas(picture_areas(job, 1, nullptr)) * kAreaWidth * kAreaHeight * job.samples * job.samples;
+  return max_of<int64_t>(1, min_of(job.views, kSamplesAtOnce / of_view));
+}
+
+bool has_beside(const Shading& job) { return job.albedo || job.normals || job.linear; }
 
 // Whether every triangle is set up once, whether it is seen or not: where there are many pixels for each, on average. Else
 // every pixel sets up its own, of vertices that are projected once where there are many pixels for each of them.
@@ -44,12 +44,11 @@ bool projects(const Shading& job) {
   return !prepares(job) && job.vertices * kPixelsToProject <= (int64_t)job.height * job.width;
 }
 
-Layout lay_out(const Shading& job, Scratch* scratch) {
-  Layout out = {};
-  Work& work = out.work;
+Work lay_out(const Shading& job, Scratch* scratch) {
+  Work work = {};
   const int64_t triangles = job.views * job.count, blocks = (triangles + kBeginThreads - 1) / kBeginThreads;
-  const int64_t rows = views_at_once(job) * job.height, pixels = rows * job.width;
-  work.width = ShortDivisor((uint32_t)job.width);
+  work.width = ShortDivisor((uint32_t)(job.width / job.samples));
+  work.height = job.height / job.samples;
   work.triangles = ShortDivisor((uint32_t)max_of(job.count, 1));
   work.beside = has_beside(job);
   work.places =
@@ -58,14 +57,13 @@ Layout lay_out(const Shading& job, Scratch* scratch) {
   work.lookups.textures = scratch->take<Texture>(job.surface.texture_count);
   work.lookups.lights = scratch->take<PackedLight>(job.surface.lights);
   work.any_left = scratch->take<uint32_t>(1);
-  if (job.samples == 1) work.background = scratch->take<uint32_t>(job.views * job.height);
-  if (job.samples > 1) work.drawn = scratch->take<uint32_t>(rows * row_words(job));
+  work.background = scratch->take<uint32_t>(job.views * work.height);
+  if (job.samples > 1) work.light_behind = scratch->take<PackedColor>(job.height);
   if (prepares(job)) work.prepared = scratch->take<PreparedTriangle>(triangles);
   if (projects(job)) work.projected = scratch->take<ProjectedVertex>(job.views * job.vertices);
   work.place = scratch->take<uint8_t>(triangles);
   work.clipped = scratch->take<ClippedTriangle>(blocks * work.places);
-  if (job.samples > 1 && !job.linear) out.linear = scratch->take<float>(3 * pixels);
-  return out;
+  return work;
 }
 
 // Blocks for so many warps of work that is taken in turns.
@@ -76,17 +74,17 @@ cudaError_t blocks_of(Kernel kernel, int64_t warps, int* blocks) {
 
 // Calls launch(job, work) for as many views at once as there are words for, until all have been.
 template <class Launch>
-cudaError_t in_parts(const Shading& given, const Layout& at, const Launch& launch) {
+cudaError_t in_parts(const Shading& given, const Work& all, const Launch& launch) {
   for (int64_t view = 0; view < given.views; view += views_at_once(given)) {
     Shading job = given;
-    Work work = at.work;
+    Work work = all;
     job.views = min_of(views_at_once(given), given.views - view);
     const int64_t pixel = view * given.height * given.width;
-    work.areas = areas_of(job.width, job.height, job.views, job.areas);
+    work.areas = picture_areas(job, job.views, job.areas);
     work.area_columns = ShortDivisor((uint32_t)work.areas.columns);
     work.area_rows = ShortDivisor((uint32_t)work.areas.rows);
     work.first_item = view * given.count;
-    if (work.background) work.background += view * given.height;
+    work.background += view * work.height;
     if (work.projected) work.projected += view * given.vertices;
     if (work.prepared) work.prepared += work.first_item;
     job.packed += pixel;
@@ -112,60 +110,49 @@ int64_t shading_scratch(const Shading& job) {
 
 cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
-  const Layout at = lay_out(job, &scratch);
+  const Work work = lay_out(job, &scratch);
   for (int first = kTexturesAtOnce; first < job.surface.texture_count; first += kTexturesAtOnce)
     BIGTRI_CUDA(launch_first(put_textures, 1, kTexturesAtOnce, 0, stream, some_textures(job.surface, first),
-                             at.work.lookups.textures));
+                             work.lookups.textures));
   Thresholds thresholds;
   for (int i = 0; i < 255; ++i) thresholds.value[i] = job.thresholds[i];
   const auto blocks_of_items = [](int64_t items) { return (items + kBeginThreads - 1) / kBeginThreads; };
   const int64_t for_triangles = blocks_of_items(job.views * job.count),
-                for_vertices = at.work.projected ? blocks_of_items(job.views * job.vertices) : 0,
-                for_tables =
-                    blocks_of_items(max_of(max_of<int64_t>(kSrgbSteps, job.surface.lights), job.views * job.height));
-  BIGTRI_CUDA(launch_first(begin_frame, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job,
-                           at.work, thresholds, some_textures(job.surface, 0), (unsigned)for_triangles,
-                           (unsigned)for_vertices));
+                for_vertices = work.projected ? blocks_of_items(job.views * job.vertices) : 0,
+                for_tables = blocks_of_items(max_of(max_of<int64_t>(kSrgbSteps, job.surface.lights),
+                                                    max_of<int64_t>(job.views * work.height, job.height)));
+  BIGTRI_CUDA(launch_first(begin_frame, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job, work,
+                           thresholds, some_textures(job.surface, 0), (unsigned)for_triangles, (unsigned)for_vertices));
   if (!job.areas) return cudaSuccess;
-  return in_parts(job, at, [&](const Shading& part, const Work& work) {
-    const int64_t warps = (part.views * part.height * part.width * part.channels + 511) / 512;
+  return in_parts(job, work, [&](const Shading& part, const Work& its) {
+    const int64_t warps = (part.views * its.height * its.width.by * part.channels + 511) / 512;
     int blocks;
     BIGTRI_CUDA(blocks_of(fill_background, warps, &blocks));
-    return launch_next(fill_background, blocks, kShadeThreads, 0, stream, part, work);
+    return launch_next(fill_background, blocks, kShadeThreads, 0, stream, part, its);
   });
 }
 
 cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
-  const Layout at = lay_out(given, &scratch);
-  return in_parts(given, at, [&](Shading job, const Work& work) {
-    uint8_t* const image = job.image;
-    if (job.samples > 1) {
-      job.image = nullptr;
-      if (!job.linear) job.linear = at.linear;
-    }
+  return in_parts(given, lay_out(given, &scratch), [&](const Shading& job, const Work& work) {
     const int64_t words = all_areas(work.areas) * kWordsOfArea;
+    const bool several = job.samples > 1;
     int blocks;
     if (job.areas) {
-      BIGTRI_CUDA(blocks_of(shade_listed, words, &blocks));
-      BIGTRI_CUDA(launch_next(shade_listed, blocks, kShadeThreads, 0, stream, job, work));
+      const auto kernel = several ? shade_listed<true> : shade_listed<false>;
+      BIGTRI_CUDA(blocks_of(kernel, words, &blocks));
+      BIGTRI_CUDA(launch_next(kernel, blocks, kShadeThreads, 0, stream, job, work));
     } else {
-      const bool large = work.prepared && (int64_t)job.height * job.width >= kPixelsOfLarge;
-      const auto kernel = large           ? shade_all<true, kWordsOfLarge>
-                          : work.prepared ? shade_all<true, 1>
-                                          : shade_all<false, 1>;
+      const bool large = !several && work.prepared && (int64_t)job.height * job.width >= kPixelsOfLarge;
+      const auto kernel = several         ? work.prepared ? shade_all<true, true, 1> : shade_all<true, false, 1>
+                          : large         ? shade_all<false, true, kWordsOfLarge>
+                          : work.prepared ? shade_all<false, true, 1>
+                                          : shade_all<false, false, 1>;
       const int of_block = kShadeWarps * (large ? kWordsOfLarge : 1);
       BIGTRI_CUDA(launch_next(kernel, (words + of_block - 1) / of_block, kShadeThreads, 0, stream, job, work));
     }
     BIGTRI_CUDA(blocks_of(shade_left, words, &blocks));
-    BIGTRI_CUDA(launch_next(shade_left, blocks, kShadeThreads, 0, stream, job, work));
-    if (job.samples == 1) return cudaSuccess;
-    const float* linear = job.linear;
-    const int64_t pixels = job.views * job.height * job.width / (job.samples * job.samples);
-    job.image = image;
-    BIGTRI_CUDA(blocks_of(add_samples, (pixels + kWarp - 1) / kWarp, &blocks));
-    return launch_next(add_samples, blocks, kShadeThreads, 0, stream, job, (const Codes*)work.lookups.codes, linear,
-                       (const uint32_t*)work.drawn);
+    return launch_next(shade_left, blocks, kShadeThreads, 0, stream, job, work);
   });
 }
 

@@ -19,7 +19,7 @@ struct Shading {
   int64_t vertices;  // V
   int32_t count;  // T
   int height, width;  // of the visibility buffer, px; multiples of samples
-  // Null, or memory for the areas of the visibility buffer (areas.h), of which the pass then reads only those listed there.
+  // Null, or memory for the areas of the picture (areas.h): of the visibility buffer only those listed there are then read.
   // Only where the rung's shades_areas() says so.
   void* areas;
   int samples;  // of a pixel of the picture along each axis

@@ -36,13 +36,18 @@ __device__ __forceinline__ void make_tables(const Shading& job, const Work& work
   if (i < kSrgbSteps) work.lookups.codes->encode.byte[i] = srgb_step(thresholds, kSrgbFirstStep + (uint32_t)i);
   if (i < job.surface.lights)
     work.lookups.lights[i].light = light_at(LightArrays{job.surface.light_directions, job.surface.light_colors}, i);
-  if (work.background && i < job.views * job.height) {
-    Finished pixel;
-    finish_background(job, (int)(i % job.height), &pixel);
-    uint32_t color = 0;
-    for (int c = 0; c < 3; ++c) color |= (uint32_t)encode_srgb(pixel.linear[c], (const float*)thresholds) << (8 * c);
-    work.background[i] = color;
+  if (i < job.views * work.height) {
+    const int first = (int)(i % work.height) * job.samples;  // row of samples
+    Mean mean = {};
+    for (int y = 0; y < job.samples; ++y) {
+      float light[3];
+      background_at(job.surface, first + y, job.height, job.channels, light);
+      for (int x = 0; x < job.samples; ++x) mean.add(light, false);
+    }
+    work.background[i] = mean.encoded(job, (const float*)thresholds);
   }
+  if (work.light_behind && i < job.height)
+    background_at(job.surface, (int)i, job.height, job.channels, work.light_behind[i].value);
 }
 
 // Looks at every triangle of every view, a thread each. The block's warps clip those that have to be clipped.
@@ -117,7 +122,7 @@ __global__ void __launch_bounds__(kShadeThreads)
     fill_background(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   constexpr uint32_t kBytes = sizeof(uint4);
   wait_for_previous();
-  const uint32_t channels = (uint32_t)job.channels, rows = (uint32_t)job.views * (uint32_t)job.height,
+  const uint32_t channels = (uint32_t)job.channels, rows = (uint32_t)job.views * (uint32_t)work.height,
                  bytes = rows * work.width.by * channels;
   const auto color_of = [&](uint32_t pixel) { return __ldg(work.background + work.width.quotient(pixel)); };
   const uint32_t whole = ((uintptr_t)job.image & (kBytes - 1)) == 0 ? bytes / kBytes : 0;

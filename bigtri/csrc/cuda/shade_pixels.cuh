@@ -1,4 +1,4 @@
-// The pixels of the shading pass, a lane each; docs/numerics.md 18.
+// Pixels of the shading pass, a lane each; docs/numerics.md 18.
 #pragma once
 
 #include "shade_work.cuh"
@@ -7,9 +7,9 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// The triangle of a pixel of the buffer; -1: background, or none of the triangles.
-__device__ __forceinline__ int32_t triangle_of(const Shading& job, uint32_t pixel) {
-  const uint32_t triangle = reinterpret_cast<const uint32_t*>(job.packed)[2 * (int64_t)pixel];  // the lower half
+// The triangle of a sample of the buffer; -1: background, or none of the triangles.
+__device__ __forceinline__ int32_t triangle_of(const Shading& job, uint32_t sample) {
+  const uint32_t triangle = reinterpret_cast<const uint32_t*>(job.packed)[2 * (int64_t)sample];  // the lower half
   return triangle < (uint32_t)job.count ? (int32_t)triangle : -1;
 }
 
@@ -19,12 +19,12 @@ __device__ __forceinline__ const ClippedTriangle* clipped_of(const Work& work, i
   return place == kNoPlace ? nullptr : work.clipped + item / kBeginThreads * work.places + place;
 }
 
-enum class Pixel { kBackground, kDrawn, kLeft };
+enum class Sample { kBackground, kDrawn, kLeft };
 
-// Finishes a pixel that lies at a place of the buffer and has a triangle.
+// Finishes a sample that lies at a place of the buffer and has a triangle.
 template <bool kPrepared>
-__device__ __forceinline__ Pixel shade_pixel(const Shading& job, const Work& work, const Place& at, int32_t triangle,
-                                             Finished* out) {
+__device__ __forceinline__ Sample shade_sample(const Shading& job, const Work& work, const Place& at, int32_t triangle,
+                                               Finished* out) {
   // Of a prepared one: these have many pixels each, so that the number of those of a launch fits 32 bits.
   [[maybe_unused]] const uint32_t number = at.view * (uint32_t)job.count + (uint32_t)triangle;
   WholeTriangle whole;
@@ -42,19 +42,19 @@ __device__ __forceinline__ Pixel shade_pixel(const Shading& job, const Work& wor
       finish(job.surface, work.lookups, SkinInMemory{&work.prepared[number].skin}, weight, out);
     } else {
       Skin skin;
-      if (!load_skin(job, triangle, vertex, back, &skin)) return Pixel::kBackground;
+      if (!load_skin(job, triangle, vertex, back, &skin)) return Sample::kBackground;
       finish(job.surface, work.lookups, SkinAtHand{skin}, weight, out);
     }
   } else if (whole.fate == Fate::kClip) {
     const ClippedTriangle* clipped = clipped_of(work, work.first_item + (int64_t)at.view * job.count + triangle);
-    if (!clipped) return Pixel::kLeft;
-    if (clipped->count == 0) return Pixel::kBackground;
+    if (!clipped) return Sample::kLeft;
+    if (clipped->count == 0) return Sample::kBackground;
     weigh(job, *clipped, at.x, at.y, weight);
     finish(job.surface, work.lookups, SkinInMemory{&clipped->skin}, weight, out);
   } else {
-    return Pixel::kBackground;
+    return Sample::kBackground;
   }
-  return Pixel::kDrawn;
+  return Sample::kDrawn;
 }
 
 __device__ __forceinline__ void store_pixel(const Shading& job, uint32_t i, uint32_t color) {
@@ -80,97 +80,35 @@ __device__ __forceinline__ void store_word(const Shading& job, uint32_t first, i
   }
 }
 
-// Word number i of the areas, with all lanes: where the lane's pixel lies, its row among those of all views, and its
-// triangle, or -1. False where none of the word lies in the image.
-__device__ __forceinline__ bool look_at_word(const Shading& job, const Work& work, uint32_t i, Place* at, uint32_t* row,
-                                             int32_t* triangle) {
-  const Place word = word_at(work, i);
-  *at = {word.view, word.x + lane_id(), word.y};
-  *row = word.view * job.height + word.y;
-  const bool within = word.x < job.width && word.y < job.height;
-  *triangle = within && at->x < job.width ? triangle_of(job, *row * job.width + at->x) : -1;
-  return within;
-}
-
 // Stores a word of the picture, with all lanes; at: the lane's pixel.
-__device__ __forceinline__ void store_word_at(const Shading& job, const Place& at, uint32_t row, uint32_t color) {
-  const int x = at.x - lane_id();
-  store_word(job, row * job.width + x, job.width - x, color);
+__device__ __forceinline__ void store_word_at(const Shading& job, const Work& work, const Place& at, uint32_t row,
+                                              uint32_t color) {
+  const int x = at.x - lane_id(), width = (int)work.width.by;
+  store_word(job, row * width + x, width - x, color);
 }
 
-// Finishes a word, with all lanes.
+// What is looked at of a pixel before it is finished: its triangle, or -1.
+__device__ __forceinline__ int32_t look_at_pixel(const Shading& job, const Work& work, uint32_t row, int x) {
+  return triangle_of(job, row * work.width.by + x);
+}
+
+// Finishes a word, with all lanes. triangle: what look_at_pixel said.
 template <bool kPrepared>
-__device__ __forceinline__ void finish_word(const Shading& job, const Work& work, const Place& at, uint32_t row,
-                                            int32_t triangle) {
-  Pixel pixel = Pixel::kBackground;
+__device__ __forceinline__ void finish_pixels(const Shading& job, const Work& work, const Place& at, uint32_t row,
+                                              int32_t triangle) {
+  Sample sample = Sample::kBackground;
   Finished finished;
-  uint32_t color = work.background ? work.background[row] : 0;
+  uint32_t color = work.background[row];
   if (triangle >= 0) {
-    pixel = shade_pixel<kPrepared>(job, work, at, triangle, &finished);
-    if (pixel == Pixel::kDrawn && job.image) color = encoded(*work.lookups.codes, finished.linear);
-    if (pixel == Pixel::kLeft) *work.any_left = 1;
+    sample = shade_sample<kPrepared>(job, work, at, triangle, &finished);
+    if (sample == Sample::kDrawn) color = encoded(*work.lookups.codes, finished.linear);
+    if (sample == Sample::kLeft) *work.any_left = 1;
   }
   if (work.beside) {
-    if (pixel == Pixel::kBackground) finish_background(job, at.y, &finished);
-    if (pixel != Pixel::kLeft && at.x < job.width) store_beside(job, finished, row * job.width + at.x);
-    const unsigned drawn = __ballot_sync(kAllLanes, pixel == Pixel::kDrawn);
-    if (work.drawn && lane_id() == 0) work.drawn[row * row_words(job) + at.x / kWarp] = drawn;
+    if (sample == Sample::kBackground) finish_background(job, at.y, &finished);
+    if (sample != Sample::kLeft && at.x < job.width) store_beside(job, finished, row * job.width + at.x);
   }
-  if (job.image) store_word_at(job, at, row, color);
-}
-
-// All areas. A warp takes kWords words, which it looks at together, and then goes through those that have a triangle;
-// others take no longer than it takes to load them. The device shares out the warps: a word that a model covers takes ten
-// times as long.
-template <bool kPrepared, int kWords>
-__global__ void __launch_bounds__(kShadeThreads, 8)
-    shade_all(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
-  wait_for_previous();
-  const uint32_t start = (blockIdx.x * kShadeWarps + this_warp()) * kWords;
-  if (start >= word_count(work)) return;
-  Place at;
-  uint32_t row;
-  int32_t triangle;
-  unsigned covered = 0;
-#pragma unroll
-  for (int j = 0; j < kWords; ++j) {
-    if (!look_at_word(job, work, start + j, &at, &row, &triangle)) continue;
-    if (work.beside || __any_sync(kAllLanes, triangle >= 0))
-      covered |= 1u << j;
-    else
-      store_word_at(job, at, row, work.background[row]);
-  }
-  if constexpr (kWords == 1) {
-    if (covered) finish_word<kPrepared>(job, work, at, row, triangle);
-  } else {
-#pragma unroll 1
-    for (; covered; covered &= covered - 1) {
-      look_at_word(job, work, start + __ffs(covered) - 1, &at, &row, &triangle);
-      finish_word<kPrepared>(job, work, at, row, triangle);
-    }
-  }
-}
-
-// The areas that are listed, of prepared triangles and a picture that has its background already. Nearly all of their
-// words have a triangle, so that warps may take them in turn.
-__global__ void __launch_bounds__(kShadeThreads, 8)
-    shade_listed(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
-  __shared__ uint32_t numbers[kShadeWarps];  // of the warps' words: no register holds them while a word is finished
-  wait_for_previous();
-  uint32_t number = blockIdx.x * kShadeWarps + this_warp();
-#pragma unroll 1
-  while (number < word_count(work)) {
-    Place at;
-    uint32_t row;
-    int32_t triangle;
-    look_at_word(job, work, number, &at, &row, &triangle);
-    __syncwarp();
-    if (lane_id() == 0) numbers[this_warp()] = number;
-    __syncwarp();
-    if (number + gridDim.x * kShadeWarps >= word_count(work)) let_next_begin();  // this word is the warp's last
-    if (__any_sync(kAllLanes, triangle >= 0)) finish_word<true>(job, work, at, row, triangle);
-    number = reread(numbers[this_warp()]) + gridDim.x * kShadeWarps;
-  }
+  store_word_at(job, work, at, row, color);
 }
 
 }  // namespace

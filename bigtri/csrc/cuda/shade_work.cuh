@@ -1,4 +1,4 @@
-// What the kernels of the shading pass share: the memory that they work with, and which words of an image they read.
+// What the kernels of the shading pass share: the memory that they work with, and which words of a picture they make.
 #pragma once
 
 #include "areas.h"
@@ -14,29 +14,52 @@ constexpr int kShadeWarps = 4;  // of a block, in all kernels but begin_frame
 constexpr int kShadeThreads = kShadeWarps * kWarp;
 constexpr int kBeginWarps = 8;
 constexpr int kBeginThreads = kBeginWarps * kWarp;
-constexpr int kWordsOfArea = kAreaWidth * kAreaHeight / kWarp;  // a word is 32 pixels of a row
+constexpr int kWordsOfArea = kAreaWidth * kAreaHeight / kWarp;  // a word is 32 pixels of a row of the picture
 constexpr uint8_t kNoPlace = 255;  // in Work::place: a clipped triangle that found no memory
+
+// Linear light, in a vector.
+struct alignas(16) PackedColor {
+  float value[3];
+};
 
 // Memory that the kernels work with, and what the host computes for them.
 struct Work {
-  ShortDivisor width, triangles;          // of the buffer, in px; T
-  Areas areas;                            // of the launch's views
-  ShortDivisor area_columns, area_rows;   // of a view
-  int64_t first_item;                     // views before those of the launch, times T
-  bool beside;                            // whether something is wanted beside the picture
+  ShortDivisor width, triangles;  // of the picture, px; T
+  int height;  // of the picture, px
+  Areas areas;  // of the launch's views
+  ShortDivisor area_columns, area_rows;  // of a view
+  int64_t first_item;  // views before those of the launch, times T
+  bool beside;  // whether something is wanted beside the picture
   Lookups lookups;
-  uint32_t* background;        // [views * H]: of each row, the lowest byte first; null where samples are added up
-  uint32_t* any_left;          // [1]: whether pixels are left to shade_left
-  // Of each row of the buffer, a bit for each pixel: whether it is not the background; null where nobody asks.
-  uint32_t* drawn;
+  uint32_t* background;  // [views * height]: a pixel of each row of the picture, the lowest byte first
+  PackedColor* light_behind;  // the background of each row of samples; null where a pixel is one sample
+  uint32_t* any_left;  // [1]: whether pixels are left to shade_left
   PreparedTriangle* prepared;  // [views, T], or null
   ProjectedVertex* projected;  // [views, V], or null
-  uint8_t* place;              // [views, T]: of a clipped triangle, its place among its block's, or kNoPlace; else 0
-  ClippedTriangle* clipped;    // [blocks of begin_frame with triangles, places]
+  uint8_t* place;  // [views, T]: of a clipped triangle, its place among its block's, or kNoPlace; else 0
+  ClippedTriangle* clipped;  // [blocks of begin_frame with triangles, places]
   int places;
 };
 
-// Where a pixel lies, or the first one of a word.
+// The samples of a pixel on their way to their mean.
+struct Mean {
+  float total[3];
+  int covered;
+
+  __device__ __forceinline__ void add(const float light[3], bool drawn) {
+    for (int c = 0; c < 3; ++c) total[c] = total[c] + light[c];
+    covered += drawn;
+  }
+  // The first channel in the lowest byte. Table: what encode_srgb takes.
+  template <class Table>
+  __device__ __forceinline__ uint32_t encoded(const Shading& job, const Table& table) const {
+    uint8_t pixel[4] = {};
+    store_mean(total, covered, job.samples * job.samples, job.channels, table, pixel);
+    return pixel[0] | pixel[1] << 8 | pixel[2] << 16 | (uint32_t)pixel[3] << 24;
+  }
+};
+
+// Where a pixel of the picture lies, or the first one of a word; or a sample, in the visibility buffer.
 struct Place {
   uint32_t view;
   int x, y;
@@ -61,9 +84,6 @@ __device__ __forceinline__ Place word_at(const Work& work, uint32_t i) {
   return {view, (int)(column * kAreaWidth + i % 2 * kWarp), (int)(row * kAreaHeight + i / 2 % kAreaHeight)};
 }
 static_assert(kAreaWidth == 2 * kWarp, "an area's row is two words");
-
-// Words of a row of the buffer.
-__host__ __device__ __forceinline__ int row_words(const Shading& job) { return (job.width + kWarp - 1) / kWarp; }
 
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE

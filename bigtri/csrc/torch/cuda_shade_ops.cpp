@@ -117,9 +117,10 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
   std::optional<Tensor> areas;
   const bool seen = packed || depth;  // by the caller
-  if (!seen && height * width >= kPixelsOfAreas && variant.lists_areas && variant.lists_areas(frame, values.data()) &&
+  if (!seen && height * width >= kSamplesOfAreas && variant.lists_areas && variant.lists_areas(frame, values.data()) &&
       rung.shades_areas(shading.job)) {
-    areas = scratch_of(areas_bytes((int)width, (int)height, frame.views), device);
+    const int samples = frame.area_samples = shading.job.samples;
+    areas = scratch_of(areas_bytes((int)width / samples, (int)height / samples, frame.views), device);
     frame.areas = shading.job.areas = areas->mutable_data_ptr();
   }
   const Tensor drawing = scratch_of(variant.scratch_bytes(frame, values.data()), device);
