@@ -104,14 +104,14 @@ OPERATORS: dict[str, _Operator] = {
 }
 
 
-def _fake(name: str, names: list[str], *given: Any, **named: Any) -> Any:
-    """The fake kernel of an operator; ``names``: of its arguments.
+def _fake(name: str, defaults: dict[str, Any], *given: Any, **named: Any) -> Any:
+    """The fake kernel of an operator; ``defaults``: of its arguments, in the schema's order, None where there is none.
 
     Raises:
         RuntimeError: a tensor has another number of dimensions, or is not on the first one's device.
     """
     operator = OPERATORS[name]
-    bound = dict(zip(names, given, strict=False)) | named
+    bound = defaults | dict(zip(defaults, given, strict=False)) | named
     tensors = {key: bound[key] for key in operator.dimensions if bound.get(key) is not None}
     first, reference = next(iter(tensors.items()))
     for key, value in tensors.items():
@@ -138,5 +138,6 @@ def register() -> None:
             "build it again with `python setup.py build_ext --inplace`"
         )
     for name in OPERATORS:
-        names = [argument.name for argument in getattr(torch.ops.bigtri, name).default._schema.arguments]
-        torch.library.register_fake(f"bigtri::{name}")(partial(_fake, name, names))
+        arguments = getattr(torch.ops.bigtri, name).default._schema.arguments
+        defaults = {argument.name: argument.default_value for argument in arguments}
+        torch.library.register_fake(f"bigtri::{name}")(partial(_fake, name, defaults))

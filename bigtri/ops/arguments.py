@@ -179,6 +179,20 @@ def as_is(value: Array, dtype: torch.dtype) -> torch.Tensor | None:
     return None
 
 
+def for_operator(value: Array, dtype: torch.dtype) -> torch.Tensor | None:
+    """What ``as_is`` returns, for an operator that writes into none of its arguments, in half the time where it is a tensor.
+
+    dtype and device are left to the operator, and a view that negates to torch, which hands a copy on. Wrapped tensors have no
+    address, nor have those without elements, which ``as_is`` looks at.
+
+    Raises:
+        RuntimeError: a tensor that cannot have an address: inside torch.vmap or torch.func, or sparse.
+    """
+    if type(value) is not torch.Tensor or not value.data_ptr():
+        return as_is(value, dtype)
+    return value if value.is_contiguous() and not value.requires_grad else None
+
+
 def all_as_is(*given: tuple[Array, torch.dtype]) -> list[torch.Tensor]:
     """``as_is`` of every value with its dtype; empty where it is None for one, and under torch.compile."""
     tensors: list[torch.Tensor] = []

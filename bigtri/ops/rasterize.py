@@ -11,11 +11,15 @@ import torch
 
 from .. import native
 from ..choices import CULLS
-from ..precision import Arithmetic, Precision
+from ..precision import DEFAULT, Arithmetic, Precision
 from ..reference import pipeline
 from ..reference.numerics import BACKGROUND
 from . import arguments, memory, tuned
 from .arguments import Array
+
+# The operator that draws into new memory. None where the extension is not built.
+_rasterize_new = torch.ops.bigtri.rasterize_new.default if native.available() else None
+_AUTO, _NATIVE, _NONE, _EXACT = "auto", "native", "none", DEFAULT
 
 # packed is (depth bits << 32) | triangle: the low half of each int64 is the triangle, and -1 on the background.
 _LOW_HALF = 0 if sys.byteorder == "little" else 1
@@ -94,6 +98,21 @@ def rasterize(
     torch.vmap has no rule for it, since it writes into memory: a batch of views is one call.
     """
     op = "rasterize"
+    # `is`, since the texts and flags are what the caller's code says or the defaults: others are as right and take longer.
+    if (
+        (backend is _AUTO or backend is _NATIVE)
+        and variant is _AUTO
+        and parameters is None
+        and ranges is None
+        and (validate is None or validate is False)
+        and (depth is True or depth is False)
+        and out is None
+        and depth_out is None
+    ):
+        drawn = _draw_new(op, positions, triangles, resolution, precision, cull, scissor, depth)
+        if drawn is not None:
+            return drawn
+
     chosen = arguments.choose_backend(op, backend)
     arithmetic = arguments.check_precision(op, precision)
     arguments.check_choice(op, "cull", cull, CULLS)
@@ -163,6 +182,43 @@ def _result(positions: Array, packed: torch.Tensor, image: torch.Tensor | None, 
     return Visibility(packed, image, dropped)
 
 
+def _draw_new(
+    op: str,
+    positions: Array,
+    triangles: Array,
+    resolution: tuple[int, int],
+    precision: str | Precision,
+    cull: str,
+    scissor: tuple[int, int, int, int] | None,
+    depth: bool,
+) -> Visibility | None:
+    """Draw with the standard variant of the native backend into new memory; None where that cannot be, and nothing is drawn.
+
+    Most calls are like that, and all checks of ``rasterize`` take longer than drawing a small picture. The operator checks what
+    they check. Only its texts are others, so they are not shown: the caller goes on to the checks.
+    """
+    if _rasterize_new is None or tuned.tables or native.parameters_are_set() or torch.compiler.is_compiling():
+        return None
+    height, width = arguments.check_image_size(op, "resolution", resolution)
+    try:
+        clip, faces = arguments.for_operator(positions, torch.float32), arguments.for_operator(triangles, torch.int32)
+        if clip is None or faces is None:
+            return None
+        if not clip.is_cuda:
+            views = len(clip) if clip.ndim == 3 else 1
+            if not clip.is_cpu or views * height * width * 8 >= memory.SMALLEST:  # of large ones the memory is not torch's
+                return None
+        if precision is _EXACT and cull is _NONE and scissor is None and depth:
+            made = _rasterize_new(clip, faces, height, width)
+        else:
+            rung = arguments.check_precision(op, precision).name
+            box = None if scissor is None else arguments.check_scissor(op, scissor, height, width)
+            made = _rasterize_new(clip, faces, height, width, cull, box, rung, depth)
+    except (RuntimeError, MemoryError):
+        return None
+    return Visibility(*made) if clip is positions else _result(positions, *made)
+
+
 def _draw_as_is(
     op: str,
     positions: Array,
@@ -178,8 +234,7 @@ def _draw_as_is(
 ) -> Visibility | None:
     """Draw with the native backend where the operator takes everything as it came; else None, and nothing is written.
 
-    Most calls are like that, and all checks of ``rasterize`` take longer than drawing a small picture. As with
-    ``arguments.run_as_is`` the operator checks what they check, and the caller has them say what is wrong.
+    As with ``_draw_new`` the operator checks the tensors.
     """
     if torch.compiler.is_compiling():
         return None
@@ -192,10 +247,6 @@ def _draw_as_is(
     views = clip.shape[:-2]
     shape = (*views, height, width)
     try:
-        if out is None and depth_out is None and _is_standard() and memory.is_torchs(clip, shape, torch.int64):
-            scissor = None if box == (0, 0, width, height) else box
-            made = torch.ops.bigtri.rasterize_new.default(clip, faces, height, width, cull, scissor, precision, depth)
-            return _result(positions, *made)
         packed = memory.new(clip, shape, torch.int64) if out is None else arguments.as_is(out, torch.int64)
         image = None
         if depth_out is not None:
@@ -214,11 +265,6 @@ def _draw_as_is(
     except (RuntimeError, MemoryError):
         return None
     return _result(positions, packed, image, dropped)
-
-
-def _is_standard() -> bool:
-    """Whether "auto" is the standard variant with its standard parameters in every call."""
-    return not tuned.tables and not native.parameters_are_set()
 
 
 def check_indices(op: str, triangles: torch.Tensor, vertices: int) -> None:

@@ -310,7 +310,7 @@ struct CUgraph_st {
   }
 };
 struct CUgraphExec_st : CUgraph_st {};
-static int graphs_launched = 0;
+static int graphs_launched = 0, graphs_made = 0, nodes_set = 0;
 
 // A device of two multiprocessors with room for a block each, so that blocks take several turns; of an old kind, so
 // that launches do not overlap.
@@ -348,6 +348,7 @@ cudaError_t cudaGraphAddDependencies(cudaGraph_t graph, const cudaGraphNode_t* f
 }
 cudaError_t cudaGraphInstantiate(cudaGraphExec_t* exec, cudaGraph_t graph, unsigned long long) {
   if (graph->edges + 1 != graph->nodes.size()) return cudaErrorInvalidValue;
+  ++graphs_made;
   *exec = new CUgraphExec_st{*graph};
   return cudaSuccess;
 }
@@ -357,6 +358,7 @@ cudaError_t cudaGraphExecDestroy(cudaGraphExec_t exec) {
 }
 cudaError_t cudaGraphExecKernelNodeSetParams(cudaGraphExec_t exec, cudaGraphNode_t node,
                                              const cudaKernelNodeParams* kernel) {
+  ++nodes_set;
   exec->set(node->place, *kernel);
   return cudaSuccess;
 }
@@ -391,6 +393,8 @@ cudaError_t cudaMemsetAsync(void* p, int value, size_t bytes, cudaStream_t) {
 }
 void set_order(int v) { order = v; }
 int launched_graphs() { return graphs_launched; }
+int made_graphs() { return graphs_made; }
+int set_nodes() { return nodes_set; }
 
 // Of parameter i of a variant: its name, or null where there is none; its standard, lowest and highest value; the
 // values allowed, ending with -1, or null for all.

@@ -213,7 +213,7 @@ def test_an_index_out_of_range_is_dropped_and_counted(variant: str) -> None:
 
 
 def test_frames_that_launch_the_same_kernels() -> None:
-    """The first one's are launched one by one, later ones by a graph, with parameters and sizes of their own."""
+    """The first one's are launched one by one, later ones by one of four graphs, of which only what differs is set."""
     library = cuda_on_cpu.kernels()
     jobs = [
         job(case_of(name), "bin_owned", {"few": 0, "share": share})
@@ -222,13 +222,25 @@ def test_frames_that_launch_the_same_kernels() -> None:
     ]
 
     def graphs() -> list[str]:
-        found, counts = [], []
-        for number in (0, 1, 2, 3, 0, 4, 1):
+        found = []
+
+        def draw(number: int, launched: int, made: int, *nodes: int) -> None:
+            before = library.set_nodes()
             packed, depth, _ = cuda_on_cpu.draw(library, jobs[number])
             same = (packed == jobs[number].packed).all() and (depth.view("i4") == jobs[number].depth.view("i4")).all()
-            found += [] if same else [f"frame of job {number}"]
-            counts.append(library.launched_graphs())
-        return found if counts == [0, 1, 2, 2, 3, 4, 5] else [*found, f"graphs: {counts}"]
+            counts = library.launched_graphs(), library.made_graphs(), library.set_nodes() - before
+            if not same or counts[:2] != (launched, made) or counts[2] not in nodes:
+                found.append(f"job {number}: {same}, {counts} instead of {launched, made, nodes}")
+
+        draw(0, 0, 0, 0)
+        draw(1, 1, 1, 0)
+        draw(2, 2, 2, 0)
+        draw(2, 3, 2, 0)
+        draw(3, 3, 2, 0)
+        draw(0, 4, 3, 0)
+        draw(4, 5, 4, 0)
+        draw(1, 6, 4, 0)
+        return found
 
     said = cuda_on_cpu.in_children([graphs])
     assert not said, said

@@ -14,7 +14,7 @@ from cases import CASES, random_corners, soup
 import bigtri
 from bigtri import Camera, native
 from bigtri.ops import arguments as checks
-from bigtri.ops.arguments import as_is
+from bigtri.ops.arguments import as_is, for_operator
 from bigtri.study import meshes
 
 POSITIONS = np.array([[-0.5, -0.5, 0, 1], [0.5, -0.5, 0, 1], [0, 0.5, 0, 1]], np.float32)
@@ -523,6 +523,28 @@ def test_gradients_and_batches_are_not_taken_as_they_are():
     torch.vmap(lambda p: (seen.append(as_is(p, torch.float32)), p)[1])(P)
     torch.func.grad(lambda p: (seen.append(as_is(p, torch.float32)), p.sum())[1])(P)
     assert seen == [None, None]
+
+
+def test_what_an_operator_is_given():
+    """Nothing that would be copied or warned of, or that torch would run the operator on by a rule of its own."""
+    for whole in (P, P[:0], torch._neg_view(P), P.double()):
+        assert for_operator(whole, torch.float32) is whole
+    for value in (
+        *(P[:, ::2], P.clone().requires_grad_(), P.as_subclass(Subclass), P.tolist(), POSITIONS[:, ::2], P.to("meta")),
+        *(torch._efficientzerotensor((3, 4)), torch._to_functional_tensor(P)),
+    ):
+        assert for_operator(value, torch.float32) is None
+    taken = for_operator(POSITIONS, torch.float32)
+    assert taken is not None and np.shares_memory(taken.numpy(), POSITIONS)
+
+    def refused(value):
+        with pytest.raises(RuntimeError, match="data pointer"):
+            for_operator(value, torch.float32)
+        return value.sum()
+
+    refused(P.to_sparse())
+    torch.vmap(refused)(P)
+    torch.func.grad(refused)(P)
 
 
 @pytest.mark.skipif(not native.available(), reason="the extension is not built")

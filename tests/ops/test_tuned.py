@@ -64,7 +64,7 @@ def written(path: Path, *scenes: Measured, name: str | None = None, build: str |
 def drawn(monkeypatch):
     """The variant and the values of its parameters of every call of the operators."""
     seen = []
-    real, real_new = torch.ops.bigtri.rasterize.default, torch.ops.bigtri.rasterize_new.default
+    real, real_new = torch.ops.bigtri.rasterize.default, module._rasterize_new
 
     class Operator:
         @staticmethod
@@ -72,15 +72,12 @@ def drawn(monkeypatch):
             seen.append((given[6], given[9]))
             return real(*given)
 
-    class NewOperator:
-        @staticmethod
-        def default(*given):
-            seen.append((STANDARD, []))
-            return real_new(*given)
+    def new(*given):
+        seen.append((STANDARD, []))
+        return real_new(*given)
 
     class Operators:
         rasterize = Operator
-        rasterize_new = NewOperator
 
     class Torch:
         class ops:  # noqa: N801
@@ -90,6 +87,7 @@ def drawn(monkeypatch):
             return getattr(torch, name)
 
     monkeypatch.setattr(module, "torch", Torch())
+    monkeypatch.setattr(module, "_rasterize_new", new)
     return seen
 
 

@@ -239,16 +239,16 @@ __global__ void __launch_bounds__(WaitingPatch::kThreads, 32 / WaitingPatch::kWa
   begin_turn<WaitingPatch, true>(f, blockIdx.x);
   wait_for_previous();
   let_next_begin();
-  const uint64_t count = *w.count(), slivers = *w.sliver_count();
+  const uint64_t count = *w.count();
+  uint64_t slivers = *w.sliver_count();
   if ((count | slivers) == 0) return;  // as in most frames: known after one wait for memory instead of two
   if (count > 0) {
     if (threadIdx.x == 0) patch_shared<WaitingPatch>()->begin((int)*w.common_count(), true);
     __syncthreads();
     draw_patches<WaitingPatch>(f, ListedCandidates(w, count > w.common_below), room);
+    slivers = reread(*w.sliver_count());  // no register keeps it while patches are drawn
   }
-  draw_slivers(
-      f, w.slivers, (int)min_of<uint64_t>(reread(*w.sliver_count()), w.room), w.bands, [](int) { return true; },
-      &shared);
+  draw_slivers(f, w.slivers, (int)min_of<uint64_t>(slivers, w.room), w.bands, [](int) { return true; }, &shared);
 }
 
 cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <list>
 #include <mutex>
+#include <vector>
 
 #include "launch.cuh"
 
@@ -14,8 +15,9 @@ namespace {
 
 thread_local Launches* noting = nullptr;
 
-// Kernels that were launched into a stream together, and their graph from the second time on. Of each stream, because
-// two launches of one graph never run at the same time. It has nothing of the stream itself, which may be gone.
+// Kernels that were launched into a stream together, and from the second time on a graph of them, with the grids and
+// values that it has now. Of each stream, because two launches of one graph never run at the same time. It has nothing of
+// the stream itself, which may be gone.
 struct Kept {
   int device;
   cudaStream_t stream;
@@ -26,6 +28,8 @@ struct Kept {
   cudaGraph_t graph = nullptr;
   cudaGraphExec_t exec = nullptr;
   cudaGraphNode_t nodes[Launches::kMost] = {};
+  Grid grids[Launches::kMost] = {};
+  std::vector<char> values[Launches::kMost];  // of the parameters
 
   Kept(int device, cudaStream_t stream, const Launch* launches, int count)
       : device(device), stream(stream), count(count) {
@@ -35,11 +39,31 @@ struct Kept {
     }
   }
 
-  bool is_same(const Kept& other) const {
-    if (device != other.device || stream != other.stream || count != other.count) return false;
+  bool is_of(int its_device, cudaStream_t its_stream, const Launch* launches, int its_count) const {
+    if (device != its_device || stream != its_stream || count != its_count) return false;
     for (int i = 0; i < count; ++i)
-      if (kernels[i] != other.kernels[i] || overlaps[i] != other.overlaps[i]) return false;
+      if (kernels[i] != launches[i].kernel || overlaps[i] != launches[i].overlaps) return false;
     return true;
+  }
+
+  // Whether node i launches with the same bytes. Those between the members of a struct may differ where the members do
+  // not, which costs time only.
+  bool has(const Launch& launch, int i) const {
+    return grids[i] == launch.grid && values[i].size() == launch.value_bytes &&
+           std::memcmp(values[i].data(), launch.values, launch.value_bytes) == 0;
+  }
+
+  void set(const Launch& launch, int i) {
+    grids[i] = launch.grid;
+    values[i].assign(launch.values, launch.values + launch.value_bytes);
+  }
+
+  // How far the graph is from launching the same: a grid takes the driver longer to change than parameters.
+  int distance(const Launch* launches) const {
+    int d = 0;
+    for (int i = 0; i < count; ++i)
+      d += has(launches[i], i) ? 0 : grids[i] == launches[i].grid ? 1 : 1 + Launches::kMost;
+    return d;
   }
 
   // A graph that runs ends nevertheless.
@@ -54,15 +78,18 @@ struct Kept {
 // The last used ones, the last one first; torch has 32 streams. Nothing destroys them or the list when the process ends:
 // the device may be gone by then, and another thread may still draw.
 constexpr size_t kMostKept = 128;
+// Graphs of the same kernels in a stream. A loop that lets a result go when it has the next one gets memory for it in
+// turns from two places, and so a graph for each, which is launched as it is.
+constexpr int kMostAlike = 4;
 std::mutex& mutex = *new std::mutex;
 std::list<Kept>& kept = *new std::list<Kept>;
 
 cudaKernelNodeParams node_of(const Launch& launch) {
   cudaKernelNodeParams node = {};
   node.func = const_cast<void*>(launch.kernel);
-  node.gridDim = dim3(launch.blocks);
-  node.blockDim = dim3(launch.threads);
-  node.sharedMemBytes = launch.shared_bytes;
+  node.gridDim = dim3(launch.grid.blocks);
+  node.blockDim = dim3(launch.grid.threads);
+  node.sharedMemBytes = launch.grid.shared_bytes;
   node.kernelParams = const_cast<void**>(launch.parameters);
   return node;
 }
@@ -86,6 +113,7 @@ cudaError_t make_graph(Kept* k, const Launch* launches) {
   for (int i = 0; i < k->count; ++i) {
     const cudaKernelNodeParams node = node_of(launches[i]);
     BIGTRI_CUDA(cudaGraphAddKernelNode(&k->nodes[i], k->graph, nullptr, 0, &node));
+    k->set(launches[i], i);
     if (i > 0) BIGTRI_CUDA(put_behind(k->graph, k->nodes[i - 1], k->nodes[i], launches[i].overlaps));
   }
   return cudaGraphInstantiate(&k->exec, k->graph, 0);
@@ -96,8 +124,10 @@ cudaError_t launch_graph(Kept* k, const Launch* launches) {
     BIGTRI_CUDA(make_graph(k, launches));
   } else {
     for (int i = 0; i < k->count; ++i) {
+      if (k->has(launches[i], i)) continue;
       const cudaKernelNodeParams node = node_of(launches[i]);
       BIGTRI_CUDA(cudaGraphExecKernelNodeSetParams(k->exec, k->nodes[i], &node));
+      k->set(launches[i], i);
     }
   }
   return cudaGraphLaunch(k->exec, k->stream);
@@ -122,38 +152,56 @@ class Relaxed {
   cudaStreamCaptureMode mode_ = cudaStreamCaptureModeRelaxed;
 };
 
+// The graph to launch them by: one of the same kernels that has nothing to change; else a new one while there may be more
+// of them; else the one with the least to change, and of several the one used longest ago. Null where they come for the
+// first time, for a graph takes 70 us to make, or where one was refused.
+Kept* graph_for(int device, cudaStream_t stream, const Launch* launches, int count) {
+  auto best = kept.end();
+  int alike = 0, least = 0;
+  for (auto k = kept.begin(); k != kept.end() && alike < kMostAlike; ++k) {
+    if (!k->is_of(device, stream, launches, count)) continue;
+    if (k->refused) return nullptr;
+    const int distance = k->exec ? k->distance(launches) : 0;
+    if (alike++ == 0 || distance <= least) {
+      best = k;
+      least = distance;
+    }
+    if (least == 0) break;
+  }
+  if (alike > 0 && (least == 0 || alike == kMostAlike)) {
+    kept.splice(kept.begin(), kept, best);
+    return &*best;
+  }
+  kept.emplace_front(device, stream, launches, count);
+  if (kept.size() > kMostKept) {
+    kept.back().destroy();
+    kept.pop_back();
+  }
+  return alike > 0 ? &kept.front() : nullptr;
+}
+
 // Puts launches into a stream by a graph. False if they are not there: then they have to go one by one, which also says
 // what is wrong with them.
-bool put_graph(const Launch* launches, int count, cudaStream_t stream) {
-  int device;
-  if (!may_be_graph(stream) || cudaGetDevice(&device) != cudaSuccess) return false;
-  const Kept wanted(device, stream, launches, count);
+bool put_graph(int device, cudaStream_t stream, const Launch* launches, int count) {
+  if (!may_be_graph(stream)) return false;
   const std::lock_guard<std::mutex> lock(mutex);
   // Another thread may be capturing, in the mode that forbids all threads what is unsafe in a capture: this is not in it.
   const Relaxed relaxed;
-  auto found = kept.begin();
-  while (found != kept.end() && !found->is_same(wanted)) ++found;
-  if (found == kept.end()) {  // a graph takes 70 us to make: not for what comes only once
-    kept.push_front(wanted);
-    if (kept.size() > kMostKept) {
-      kept.back().destroy();
-      kept.pop_back();
-    }
-    return false;
-  }
-  kept.splice(kept.begin(), kept, found);
-  if (found->refused) return false;
-  if (launch_graph(&*found, launches) == cudaSuccess) return true;
-  found->refused = true;
-  found->destroy();
+  Kept* const graph = graph_for(device, stream, launches, count);
+  if (!graph) return false;
+  if (launch_graph(graph, launches) == cudaSuccess) return true;
+  graph->refused = true;
+  graph->destroy();
   cudaGetLastError();  // clears it
   return false;
 }
 
 }  // namespace
 
-Launches::Launches(cudaStream_t stream) : stream_(stream) { noting = this; }
+Launches::Launches(int device, cudaStream_t stream) : device_(device), stream_(stream) { noting = this; }
 Launches::~Launches() { noting = nullptr; }
+
+Launches* Launches::of_thread() { return noting; }
 
 Launches* Launches::into(cudaStream_t stream) { return noting && noting->stream_ == stream ? noting : nullptr; }
 
@@ -161,7 +209,7 @@ cudaError_t Launches::put() {
   const int count = count_;
   count_ = 0;
   used_ = 0;
-  if (count > 1 && put_graph(launches_, count, stream_)) return cudaSuccess;
+  if (count > 1 && put_graph(device_, stream_, launches_, count)) return cudaSuccess;
   for (int i = 0; i < count; ++i) BIGTRI_CUDA(launches_[i].put(launches_[i], stream_));
   return cudaSuccess;
 }

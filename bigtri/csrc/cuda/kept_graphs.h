@@ -5,19 +5,29 @@
 #include <cuda_runtime_api.h>
 
 #include <cstddef>
+#include <cstring>
 #include <new>
 #include <type_traits>
 
 namespace bigtri {
+
+struct Grid {
+  unsigned blocks, threads, shared_bytes;
+  bool operator==(const Grid& other) const {
+    return blocks == other.blocks && threads == other.threads && shared_bytes == other.shared_bytes;
+  }
+};
 
 // A kernel that is not in a stream yet, and where its parameters' values are.
 struct Launch {
   static constexpr int kMostParameters = 16;
   const void* kernel;
   cudaError_t (*put)(const Launch& launch, cudaStream_t stream);  // by itself
-  unsigned blocks, threads, shared_bytes;
+  Grid grid;
   bool overlaps;  // begins while the one in front of it still ends
   void* parameters[kMostParameters];
+  const char* values;  // of all of them, with zeros between them
+  size_t value_bytes;
 };
 
 // Notes the launches of the calling thread into one stream, as long as it lives. One at a time in a thread; what is not
@@ -26,13 +36,17 @@ class Launches {
  public:
   static constexpr int kMost = 8;
 
-  explicit Launches(cudaStream_t stream);
+  // device: the current one.
+  Launches(int device, cudaStream_t stream);
   ~Launches();
   Launches(const Launches&) = delete;
   Launches& operator=(const Launches&) = delete;
 
-  // What notes the calling thread's launches into the stream, or null.
+  // What notes the calling thread's launches, or null; or only if they go into the stream.
+  static Launches* of_thread();
   static Launches* into(cudaStream_t stream);
+
+  int device() const { return device_; }
 
   // With copies of the parameters' values. Those before are put into the stream where there is no room left.
   template <class... Values>
@@ -42,6 +56,9 @@ class Launches {
     static_assert(bytes <= kBytes);
     if (count_ == kMost || used_ + bytes > kBytes)
       if (const cudaError_t error = put(); error != cudaSuccess) return error;
+    launch.values = values_ + used_;
+    launch.value_bytes = bytes;
+    std::memset(values_ + used_, 0, bytes);
     void** parameter = launch.parameters;
     ((*parameter++ = copy_of(values)), ...);
     launches_[count_++] = launch;
@@ -66,6 +83,7 @@ class Launches {
     return new (to) T(value);
   }
 
+  int device_;
   cudaStream_t stream_;
   int count_ = 0;
   size_t used_ = 0;
@@ -76,7 +94,9 @@ class Launches {
 // What draw() launches into the stream, together. It may do nothing else with the stream.
 template <class Draw>
 cudaError_t launch_as_one(cudaStream_t stream, const Draw& draw) {
-  Launches launches(stream);
+  int device;
+  if (const cudaError_t error = cudaGetDevice(&device); error != cudaSuccess) return error;
+  Launches launches(device, stream);
   const cudaError_t error = draw();
   return error == cudaSuccess ? launches.put() : error;
 }

@@ -2,6 +2,8 @@
 
 #include "launch.cuh"
 
+#include <array>
+#include <atomic>
 #include <map>
 #include <mutex>
 #include <utility>
@@ -9,15 +11,37 @@
 namespace bigtri {
 namespace {
 
+// What has been asked for already: a launch is so short that each question would show.
 std::mutex mutex;
 std::map<std::pair<const void*, int>, int> resident;
 std::map<std::pair<const void*, int>, bool> overlapping;
 
+constexpr int kDevices = 64;  // more of them are asked each time
+using OfDevices = std::array<std::atomic<int>, kDevices>;  // 0: not known yet
+
+cudaError_t attribute(cudaDeviceAttr which, OfDevices* known, int* value) {
+  int device;
+  BIGTRI_CUDA(current_device(&device));
+  std::atomic<int>* const place = device < kDevices ? &(*known)[device] : nullptr;
+  *value = place ? place->load(std::memory_order_relaxed) : 0;
+  if (*value != 0) return cudaSuccess;
+  BIGTRI_CUDA(cudaDeviceGetAttribute(value, which, device));
+  if (place) place->store(*value, std::memory_order_relaxed);
+  return cudaSuccess;
+}
+
 }  // namespace
+
+cudaError_t current_device(int* device) {
+  const Launches* const noting = Launches::of_thread();
+  if (!noting) return cudaGetDevice(device);
+  *device = noting->device();
+  return cudaSuccess;
+}
 
 cudaError_t overlaps_launches(const void* kernel, bool* yes) {
   int device, major;
-  BIGTRI_CUDA(cudaGetDevice(&device));
+  BIGTRI_CUDA(current_device(&device));
   const std::lock_guard<std::mutex> lock(mutex);
   const auto key = std::make_pair(kernel, device);
   if (const auto found = overlapping.find(key); found != overlapping.end()) {
@@ -32,14 +56,18 @@ cudaError_t overlaps_launches(const void* kernel, bool* yes) {
 }
 
 cudaError_t multiprocessors(int* count) {
-  int device;
-  BIGTRI_CUDA(cudaGetDevice(&device));
-  return cudaDeviceGetAttribute(count, cudaDevAttrMultiProcessorCount, device);
+  static OfDevices known;
+  return attribute(cudaDevAttrMultiProcessorCount, &known, count);
+}
+
+cudaError_t cache_bytes(int* bytes) {
+  static OfDevices known;
+  return attribute(cudaDevAttrL2CacheSize, &known, bytes);
 }
 
 cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_bytes, int* blocks) {
   int device;
-  BIGTRI_CUDA(cudaGetDevice(&device));
+  BIGTRI_CUDA(current_device(&device));
   const std::lock_guard<std::mutex> lock(mutex);
   const auto key = std::make_pair(kernel, device);
   if (const auto found = resident.find(key); found != resident.end()) {

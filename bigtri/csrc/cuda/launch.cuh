@@ -14,8 +14,12 @@ namespace bigtri {
 // it was compiled for one, so that it waits where it has to.
 cudaError_t overlaps_launches(const void* kernel, bool* yes);
 
+// The calling thread's.
+cudaError_t current_device(int* device);
+
 // Of the current device.
 cudaError_t multiprocessors(int* count);
+cudaError_t cache_bytes(int* bytes);  // of its L2 cache
 
 // As many blocks of the kernel as the current device holds at once; asked for once per kernel and device.
 cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_bytes, int* blocks);
@@ -112,8 +116,9 @@ cudaError_t launch_now(bool overlaps, void (*kernel)(Parameters...), int64_t blo
 // The same for a launch that was noted, of a kernel whose parameters have these types. kOrder: their numbers.
 template <class... Parameters, size_t... kOrder>
 cudaError_t launch_noted(const Launch& l, cudaStream_t stream, std::index_sequence<kOrder...>) {
-  return launch_now(l.overlaps, reinterpret_cast<void (*)(Parameters...)>(const_cast<void*>(l.kernel)), l.blocks,
-                    (int)l.threads, l.shared_bytes, stream, *static_cast<Parameters*>(l.parameters[kOrder])...);
+  return launch_now(l.overlaps, reinterpret_cast<void (*)(Parameters...)>(const_cast<void*>(l.kernel)), l.grid.blocks,
+                    (int)l.grid.threads, l.grid.shared_bytes, stream,
+                    *static_cast<Parameters*>(l.parameters[kOrder])...);
 }
 
 template <class... Parameters, class... Arguments>
@@ -126,9 +131,7 @@ cudaError_t launch_or_note(bool overlaps, void (*kernel)(Parameters...), int64_t
   l.put = [](const Launch& noted, cudaStream_t into) {
     return launch_noted<Parameters...>(noted, into, std::index_sequence_for<Parameters...>());
   };
-  l.blocks = (unsigned)blocks;
-  l.threads = (unsigned)threads;
-  l.shared_bytes = (unsigned)shared_bytes;
+  l.grid = {(unsigned)blocks, (unsigned)threads, (unsigned)shared_bytes};
   l.overlaps = overlaps;
   return noting->note(l, Parameters(arguments)...);
 }

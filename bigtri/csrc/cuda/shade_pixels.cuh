@@ -27,9 +27,10 @@ __device__ __forceinline__ Sample shade_sample(const Shading& job, const Work& w
                                                Finished* out) {
   // Of a prepared one: these have many pixels each, so that the number of those of a launch fits 32 bits.
   [[maybe_unused]] const uint32_t number = at.view * (uint32_t)job.count + (uint32_t)triangle;
-  WholeTriangle whole;
-  int32_t vertex[3];
-  bool back;
+  // Set on every path: else registers hold them from one sample to the next.
+  WholeTriangle whole = {};
+  int32_t vertex[3] = {};
+  bool back = false;
   if constexpr (kPrepared)
     whole = loaded(&work.prepared[number].whole);
   else
@@ -41,7 +42,7 @@ __device__ __forceinline__ Sample shade_sample(const Shading& job, const Work& w
     if constexpr (kPrepared) {
       finish(job.surface, work.lookups, SkinInMemory{&work.prepared[number].skin}, weight, out);
     } else {
-      Skin skin;
+      Skin skin = {};
       if (!load_skin(job, triangle, vertex, back, &skin)) return Sample::kBackground;
       finish(job.surface, work.lookups, SkinAtHand{skin}, weight, out);
     }

@@ -50,7 +50,7 @@ __device__ __forceinline__ void finish_samples(const Shading& job, const Work& w
     const uint32_t i = number_of(job, place);
     const int32_t triangle = within ? triangle_of(job, i) : -1;
     Sample sample = Sample::kBackground;
-    Finished finished;
+    Finished finished = {};
     if (triangle >= 0) sample = shade_sample<kPrepared>(job, work, place, triangle, &finished);
     if (sample == Sample::kLeft) *work.any_left = 1;
     if (sample != Sample::kDrawn) finish_behind(work, place.y, &finished);

@@ -82,9 +82,8 @@ inline cudaError_t sliver_bands(const Frame& f, int64_t cache, int* bands) {
   *bands = 1;
   if (f.views > 1) return cudaSuccess;
   if (cache == 0) {
-    int device, bytes;
-    BIGTRI_CUDA(cudaGetDevice(&device));
-    BIGTRI_CUDA(cudaDeviceGetAttribute(&bytes, cudaDevAttrL2CacheSize, device));
+    int bytes;
+    BIGTRI_CUDA(cache_bytes(&bytes));
     cache = bytes;
   }
   const int64_t bytes = (int64_t)f.view.width * f.view.height * (int64_t)sizeof(int64_t), held = cache / 5 * 4;

@@ -61,17 +61,17 @@ __device__ __forceinline__ void set_up_whole(const Shading& job, int64_t view, i
                                              const ProjectedVertex* projected, WholeTriangle* out, int32_t vertex[3],
                                              bool* back) {
   const Frame f = frame_of(job, view);
-  int32_t index[3];
+  int32_t index[3] = {};
   out->fate = Fate::kDropped;
   if (!load_indices(f, triangle, index)) return;
-  Vertex v[3];
-  float w[3];
+  Vertex v[3] = {};
+  float w[3] = {};
   for (int k = 0; k < 3; ++k) {
     const ProjectedVertex p = projected ? loaded(projected + index[k]) : project(f, index[k]);
     v[k] = {p.x, p.y, 0.0f, p.flags};
     w[k] = p.w;
   }
-  Primitive p;
+  Primitive p = {};
   out->fate = assemble(f, v, &p);
   if (out->fate != Fate::kWhole) return;
   for (int k = 0; k < 3; ++k) {

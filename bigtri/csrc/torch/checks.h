@@ -154,23 +154,33 @@ inline Parallel torch_threads() {
   return {(int)min_of<int64_t>(torch::stable::get_num_threads(), kMostThreads)};
 }
 
-inline Viewport viewport(const char* op, int64_t height, int64_t width, const std::string& cull,
-                         const std::vector<int64_t>& scissor) {
+// The whole image.
+inline Viewport viewport(const char* op, int64_t height, int64_t width, const std::string& cull) {
   check_size(op, height, width);
   BIGTRI_CHECK(cull == "none" || cull == "back" || cull == "front", "bigtri::", op,
                ": cull must be 'none', 'back' or 'front', got '", cull, "'");
-  BIGTRI_CHECK(scissor.size() == 4, "bigtri::", op, ": scissor must be 4 integers x0, y0, x1, y1, got ",
-               scissor.size());
-  const auto cut = [](int64_t v, int64_t high) { return (int)min_of(max_of<int64_t>(v, 0), high); };
   return {(int)width,
           (int)height,
-          cut(scissor[0], width),
-          cut(scissor[1], height),
-          cut(scissor[2], width),
-          cut(scissor[3], height),
+          0,
+          0,
+          (int)width,
+          (int)height,
           cull == "back"    ? kCullBack
           : cull == "front" ? kCullFront
                             : kCullNone};
+}
+
+inline Viewport viewport(const char* op, int64_t height, int64_t width, const std::string& cull,
+                         const std::vector<int64_t>& scissor) {
+  Viewport view = viewport(op, height, width, cull);
+  BIGTRI_CHECK(scissor.size() == 4, "bigtri::", op, ": scissor must be 4 integers x0, y0, x1, y1, got ",
+               scissor.size());
+  const auto cut = [](int64_t v, int64_t high) { return (int)min_of(max_of<int64_t>(v, 0), high); };
+  view.x0 = cut(scissor[0], width);
+  view.y0 = cut(scissor[1], height);
+  view.x1 = cut(scissor[2], width);
+  view.y1 = cut(scissor[3], height);
+  return view;
 }
 
 // A frame with its triangles filled in. Throws if an index is out of range, before anything is drawn.

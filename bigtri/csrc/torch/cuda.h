@@ -16,18 +16,29 @@ inline int device_of(std::initializer_list<const Tensor*> tensors) {
   return kCpu;
 }
 
+// Makes a device the current one, as long as it lives. Nothing is to be undone where it is so already.
+class CurrentDevice {
+ public:
+  explicit CurrentDevice(int device) {
+    if (torch::stable::accelerator::getCurrentDeviceIndex() != device) guard_.emplace(device);
+  }
+
+ private:
+  std::optional<torch::stable::accelerator::DeviceGuard> guard_;
+};
+
 inline cudaStream_t current_stream(int device) {
   void* stream = nullptr;
   TORCH_ERROR_CODE_CHECK(aoti_torch_get_current_cuda_stream(device, &stream));
   return static_cast<cudaStream_t>(stream);
 }
 
-// Memory for launches in the current stream of the current device, from torch's allocator. Given back at the end, when the
-// launches are in the stream: torch reuses it in stream order. A third of what a tensor takes.
+// Memory for launches in the current stream of the current device, from torch's allocator. Given back at the end, when
+// the launches are in the stream: torch reuses it in stream order. A third of what a tensor takes.
 class WorkingMemory {
  public:
   explicit WorkingMemory(int64_t bytes) {
-    if (aoti_torch_cuda_caching_allocator_raw_alloc((uint64_t)bytes, &data_) != AOTI_TORCH_SUCCESS)
+    if (bytes > 0 && aoti_torch_cuda_caching_allocator_raw_alloc((uint64_t)bytes, &data_) != AOTI_TORCH_SUCCESS)
       fail("bigtri: no memory for ", bytes, " bytes to work with on the CUDA device");
   }
   ~WorkingMemory() {

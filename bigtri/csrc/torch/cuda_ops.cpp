@@ -13,6 +13,21 @@ std::string cuda_variants_op(std::string precision) {
   return registry_text(find_rung("cuda_variants", kCudaRungs, precision).variants);
 }
 
+int device_of_positions(const Tensor& positions) {
+  BIGTRI_CHECK(positions.defined() && positions.is_cuda(),
+               "bigtri::rasterize: positions must be on a CUDA device like the others, got ", describe(positions));
+  return positions.get_device_index();
+}
+
+// Draws into the current stream of the device, where there is something to draw.
+void enqueue(const char* op, const CudaVariant& variant, const Frame& frame, const std::vector<int64_t>& values,
+             int device) {
+  if (frame.views == 0) return;
+  const CurrentDevice current(device);
+  const WorkingMemory scratch(variant.scratch_bytes(frame, values.data()));
+  check_launch(op, variant.draw(frame, values.data(), scratch.data(), current_stream(device)));
+}
+
 void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
                        const std::string& cull, const std::vector<int64_t>& scissor, const std::string& variant,
                        const std::string& precision, int64_t samples, const std::vector<int64_t>& parameters,
@@ -29,39 +44,33 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
       find_variant(op, counters ? kCountingCudaVariants : rung.variants, variant, precision, " on CUDA");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
   check_unserved(samples, behind);
-  BIGTRI_CHECK(positions.defined() && positions.is_cuda(),
-               "bigtri::rasterize: positions must be on a CUDA device like the others, got ", describe(positions));
-  const int device = positions.get_device_index();
+  const int device = device_of_positions(positions);
   Frame frame = {};
   frame.view = viewport(op, height, width, cull, scissor);
-  frame.views = checked_views(device, positions, triangles, height, width, ranges, packed, depth, dropped);
+  const int32_t views = checked_views(device, positions, triangles, ranges);
+  check_results(device, views, positions, triangles, height, width, ranges, packed, depth, dropped);
   check_count(op, "triangles", triangles.size(0));
   if (counters)
     check_cuda(op, "counters", *counters, device, ScalarType::Long, {kCounters}, "int64 [one for each counter]");
-  frame.positions = const_data<float>(positions);
-  frame.triangles = const_data<int32_t>(triangles);
-  frame.vertices = positions.size(-2);
-  frame.view_stride = ranges ? 0 : frame.vertices * 4;
-  frame.ranges = ranges ? const_data<int32_t>(*ranges) : nullptr;
-  frame.count = (int32_t)triangles.size(0);
-  frame.packed = data<int64_t>(packed);
-  frame.depth = depth ? data<float>(*depth) : nullptr;
-  frame.dropped = data<int64_t>(dropped);
+  set_tensors(&frame, views, positions, triangles, ranges, packed, depth, dropped);
   frame.counters = counters ? data<int64_t>(*counters) : nullptr;
-  if (frame.views == 0) return;
-  const torch::stable::accelerator::DeviceGuard guard(device);
-  const WorkingMemory scratch(chosen.scratch_bytes(frame, values.data()));
-  check_launch(op, chosen.draw(frame, values.data(), scratch.data(), current_stream(device)));
+  enqueue(op, chosen, frame, values, device);
 }
 
 NewResults rasterize_new_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
                                  const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
                                  const std::string& precision, bool depth) {
-  const std::string standard = find_rung("rasterize", kCudaRungs, precision).variants[0]->name;
-  NewResults made = new_results(device_of({&positions}), positions, height, width, depth);
+  const char* op = "rasterize";
+  const CudaVariant& standard = *find_rung(op, kCudaRungs, precision).variants[0];
+  Frame frame = {};
+  frame.view = scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
+  const int device = device_of_positions(positions);
+  const int32_t views = checked_views(device, positions, triangles, std::nullopt);
+  check_count(op, "triangles", triangles.size(0));
+  NewResults made = new_results(device, positions, height, width, depth);
   const auto& [packed, image, dropped] = made;
-  rasterize_cuda_op(positions, triangles, height, width, cull, scissor ? *scissor : whole(height, width), standard,
-                    precision, 1, {}, std::nullopt, std::nullopt, packed, image, dropped, std::nullopt);
+  set_tensors(&frame, views, positions, triangles, std::nullopt, packed, image, dropped);
+  enqueue(op, standard, frame, standard_values(standard), device);
   return made;
 }
 

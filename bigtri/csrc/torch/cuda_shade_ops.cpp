@@ -41,9 +41,6 @@ void check_shading(const char* op, int device, const Tensor& positions, const Te
   job.linear = picture.linear ? data<float>(*picture.linear) : nullptr;
 }
 
-// Bytes of memory that is given back to torch when the launches are in the stream: torch reuses it in stream order.
-Tensor scratch_of(int64_t bytes, int device) { return empty({max_of<int64_t>(bytes, 1)}, ScalarType::Byte, device); }
-
 void shade_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& triangles,
                    const std::optional<Tensor>& uvs, const std::optional<Tensor>& colors,
                    const std::optional<Tensor>& normals, const std::optional<Tensor>& face_normals,
@@ -70,10 +67,10 @@ void shade_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& 
     if (output) check_apart(op, "an output", *output, "packed", packed);
   shading.job.packed = const_data<int64_t>(packed);
   if (shading.job.views == 0) return;
-  const torch::stable::accelerator::DeviceGuard guard(device);
-  const Tensor scratch = scratch_of(rung.shading_scratch(shading.job), device);
-  check_launch(op, rung.begin_shading(shading.job, scratch.mutable_data_ptr(), current_stream(device)));
-  check_launch(op, rung.shade(shading.job, scratch.mutable_data_ptr(), current_stream(device)));
+  const CurrentDevice current(device);
+  const WorkingMemory scratch(rung.shading_scratch(shading.job));
+  check_launch(op, rung.begin_shading(shading.job, scratch.data(), current_stream(device)));
+  check_launch(op, rung.shade(shading.job, scratch.data(), current_stream(device)));
 }
 
 // height and width are those of the samples. packed and depth are written where they are not None.
@@ -109,28 +106,27 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   frame.depth = depth ? data<float>(*depth) : nullptr;
   frame.dropped = data<int64_t>(dropped);
   if (frame.views == 0) return;
-  const torch::stable::accelerator::DeviceGuard guard(device);
+  const CurrentDevice current(device);
   const cudaStream_t stream = current_stream(device);
-  std::optional<Tensor> buffer;
-  if (!packed) buffer = scratch_of(frame.views * height * width * (int64_t)sizeof(int64_t), device);
-  frame.packed = static_cast<int64_t*>((packed ? *packed : *buffer).mutable_data_ptr());
+  // Memory lives longer than the side stream, at whose end this stream has waited for it.
+  const WorkingMemory buffer(packed ? 0 : frame.views * height * width * (int64_t)sizeof(int64_t));
+  frame.packed = packed ? data<int64_t>(*packed) : static_cast<int64_t*>(buffer.data());
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
-  std::optional<Tensor> areas;
   const bool seen = packed || depth;  // by the caller
-  if (!seen && height * width >= kSamplesOfAreas && variant.lists_areas && variant.lists_areas(frame, values.data()) &&
-      rung.shades_areas(shading.job)) {
-    const int samples = frame.area_samples = shading.job.samples;
-    areas = scratch_of(areas_bytes((int)width / samples, (int)height / samples, frame.views), device);
-    frame.areas = shading.job.areas = areas->mutable_data_ptr();
-  }
-  const Tensor drawing = scratch_of(variant.scratch_bytes(frame, values.data()), device);
+  const bool lists_areas = !seen && height * width >= kSamplesOfAreas && variant.lists_areas &&
+                           variant.lists_areas(frame, values.data()) && rung.shades_areas(shading.job);
+  const int samples = shading.job.samples;
+  const WorkingMemory areas(lists_areas ? areas_bytes((int)width / samples, (int)height / samples, frame.views) : 0);
+  if (lists_areas) frame.area_samples = samples;
+  frame.areas = shading.job.areas = areas.data();
+  const WorkingMemory drawing(variant.scratch_bytes(frame, values.data()));
   shading.job.packed = frame.packed;
-  const Tensor scratch = scratch_of(rung.shading_scratch(shading.job), device);
+  const WorkingMemory scratch(rung.shading_scratch(shading.job));
   SideStream side(op, device, stream);
-  check_launch(op, rung.begin_shading(shading.job, scratch.mutable_data_ptr(), side.stream()));
-  check_launch(op, variant.draw(frame, values.data(), drawing.mutable_data_ptr(), stream));
+  check_launch(op, rung.begin_shading(shading.job, scratch.data(), side.stream()));
+  check_launch(op, variant.draw(frame, values.data(), drawing.data(), stream));
   side.join();
-  check_launch(op, rung.shade(shading.job, scratch.mutable_data_ptr(), stream));
+  check_launch(op, rung.shade(shading.job, scratch.data(), stream));
 }
 
 }  // namespace

@@ -9,11 +9,10 @@
 
 namespace bigtri {
 
-// Checks all tensors and returns the number of views. Positions [V, 4] are one view, whose outputs have no dimension
-// for views; or with ranges, which are in host memory, as many views as there are ranges.
-inline int32_t checked_views(int device, const Tensor& positions, const Tensor& triangles, int64_t height,
-                             int64_t width, const std::optional<Tensor>& ranges, const Tensor& packed,
-                             const std::optional<Tensor>& depth, const Tensor& dropped) {
+// Checks the inputs and returns the number of views. Positions [V, 4] are one view, whose outputs have no dimension for
+// views; or with ranges, which are in host memory, as many views as there are ranges.
+inline int32_t checked_views(int device, const Tensor& positions, const Tensor& triangles,
+                             const std::optional<Tensor>& ranges) {
   const char* op = "rasterize";
   check_on(op, "triangles", triangles, device, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
   const bool single = positions.defined() && positions.dim() == 2;
@@ -32,7 +31,15 @@ inline int32_t checked_views(int device, const Tensor& positions, const Tensor& 
   }
   const int64_t views = ranges ? ranges->size(0) : single ? 1 : positions.size(0);
   check_count(op, ranges ? "ranges" : "positions", views);
-  if (single && !ranges) {
+  return (int32_t)views;
+}
+
+// Checks memory that the caller gives for the results of so many views.
+inline void check_results(int device, int64_t views, const Tensor& positions, const Tensor& triangles, int64_t height,
+                          int64_t width, const std::optional<Tensor>& ranges, const Tensor& packed,
+                          const std::optional<Tensor>& depth, const Tensor& dropped) {
+  const char* op = "rasterize";
+  if (positions.dim() == 2 && !ranges) {
     check_on(op, "packed", packed, device, ScalarType::Long, {height, width}, "int64 [height, width]");
     if (depth) check_on(op, "depth", *depth, device, ScalarType::Float, {height, width}, "float32 [height, width]");
     check_on(op, "dropped", dropped, device, ScalarType::Long, {}, "int64 []");
@@ -56,17 +63,12 @@ inline int32_t checked_views(int device, const Tensor& positions, const Tensor& 
   check_apart(op, "dropped", dropped, "packed", packed);
   if (depth) check_apart(op, "depth", *depth, "packed", packed);
   if (depth) check_apart(op, "depth", *depth, "dropped", dropped);
-  return (int32_t)views;
 }
 
 using NewResults = std::tuple<Tensor, std::optional<Tensor>, Tensor>;  // packed, depth, dropped
 
-// Memory for the results, on `device`; all arguments are checked when it is drawn to, here only what it is made from.
+// Memory for the results, on `device`, from inputs that are checked.
 inline NewResults new_results(int device, const Tensor& positions, int64_t height, int64_t width, bool depth) {
-  const char* op = "rasterize";
-  check_size(op, height, width);
-  BIGTRI_CHECK(positions.defined() && (positions.dim() == 2 || positions.dim() == 3), "bigtri::", op,
-               ": positions must be float32 [V, 4] or [B, V, 4], got ", describe(positions));
   const int64_t shape[] = {positions.size(0), height, width};  // without the first where there is one view
   const size_t single = positions.dim() == 2 ? 1 : 0;
   const Sizes image(shape + single, 3 - single), views(shape, 1 - single);
@@ -75,8 +77,21 @@ inline NewResults new_results(int device, const Tensor& positions, int64_t heigh
   return made;
 }
 
-// The scissor that leaves all of the image.
-inline std::vector<int64_t> whole(int64_t height, int64_t width) { return {0, 0, width, height}; }
+// Fills in what tensors that are checked say of a frame.
+inline void set_tensors(Frame* frame, int32_t views, const Tensor& positions, const Tensor& triangles,
+                        const std::optional<Tensor>& ranges, const Tensor& packed, const std::optional<Tensor>& depth,
+                        const Tensor& dropped) {
+  frame->positions = const_data<float>(positions);
+  frame->triangles = const_data<int32_t>(triangles);
+  frame->vertices = positions.size(-2);
+  frame->count = (int32_t)triangles.size(0);
+  frame->views = views;
+  frame->view_stride = ranges ? 0 : frame->vertices * 4;
+  frame->ranges = ranges ? const_data<int32_t>(*ranges) : nullptr;
+  frame->packed = data<int64_t>(packed);
+  frame->depth = depth ? data<float>(*depth) : nullptr;
+  frame->dropped = data<int64_t>(dropped);
+}
 
 // Arguments that are part of the schema, but that no variant serves yet. docs/numerics.md 1 defines them.
 inline void check_unserved(int64_t samples, const std::optional<Tensor>& behind) {

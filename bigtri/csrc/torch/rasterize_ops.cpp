@@ -38,18 +38,13 @@ void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   const Variant& chosen = find_variant(op, counters ? rung.counting : rung.variants, variant, precision, "");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
   check_unserved(samples, behind);
-  const int32_t views = checked_views(kCpu, positions, triangles, height, width, ranges, packed, depth, dropped);
+  const int32_t views = checked_views(kCpu, positions, triangles, ranges);
+  check_results(kCpu, views, positions, triangles, height, width, ranges, packed, depth, dropped);
   if (counters) check(op, "counters", *counters, ScalarType::Long, {kCounters}, "int64 [one for each counter]");
   const Parallel parallel = torch_threads();
   CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(-2));
-  frame.positions = const_data<float>(positions);
-  frame.views = views;
-  frame.view_stride = ranges ? 0 : positions.size(-2) * 4;
-  frame.ranges = ranges ? const_data<int32_t>(*ranges) : nullptr;
+  set_tensors(&frame, views, positions, triangles, ranges, packed, depth, dropped);
   frame.view = view;
-  frame.packed = data<int64_t>(packed);
-  frame.depth = depth ? data<float>(*depth) : nullptr;
-  frame.dropped = data<int64_t>(dropped);
   frame.counters = counters ? data<int64_t>(*counters) : nullptr;
   chosen.draw(frame, parallel, values.data());
 }
@@ -99,11 +94,17 @@ void map_work_op(const Tensor& positions, const Tensor& triangles, int64_t heigh
 NewResults rasterize_new_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
                             const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
                             const std::string& precision, bool depth) {
-  const std::string standard = find_rung("rasterize", kCpuRungs, precision).variants[0]->name;
+  const char* op = "rasterize";
+  const Viewport view = scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
+  const Variant& standard = *find_rung(op, kCpuRungs, precision).variants[0];
+  const int32_t views = checked_views(kCpu, positions, triangles, std::nullopt);
+  const Parallel parallel = torch_threads();
+  CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(-2));
   NewResults made = new_results(kCpu, positions, height, width, depth);
   const auto& [packed, image, dropped] = made;
-  rasterize_op(positions, triangles, height, width, cull, scissor ? *scissor : whole(height, width), standard,
-               precision, 1, {}, std::nullopt, std::nullopt, packed, image, dropped, std::nullopt);
+  set_tensors(&frame, views, positions, triangles, std::nullopt, packed, image, dropped);
+  frame.view = view;
+  standard.draw(frame, parallel, standard_values(standard).data());
   return made;
 }
 
@@ -150,11 +151,11 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
       "map_work(Tensor positions, Tensor triangles, int height, int width, str cull, int[] scissor, str variant, str "
       "precision, int[] parameters, Tensor(a!) packed, Tensor(b!) dropped, Tensor(c!) counters, Tensor(d!) fragments, "
       "Tensor(e!) edges, Tensor(f!) tasks) -> ()");
-  // rasterize into new memory, by the standard variant: what most calls are. torch takes 0.1 to 0.5 us for each argument,
-  // and longer to make a tensor for Python than for an operator.
+  // rasterize into new memory, by the standard variant: what most calls are. torch takes 0.1 to 0.5 us for each argument
+  // that is given, half of that for one that is not, and longer to make a tensor for Python than for an operator.
   m.def(
-      "rasterize_new(Tensor positions, Tensor triangles, int height, int width, str cull, int[]? scissor, str "
-      "precision, bool depth) -> (Tensor packed, Tensor? depth_image, Tensor dropped)");
+      "rasterize_new(Tensor positions, Tensor triangles, int height, int width, str cull='none', int[]? scissor=None, "
+      "str precision='exact', bool depth=True) -> (Tensor packed, Tensor? depth_image, Tensor dropped)");
   m.def("has_isa(str name) -> bool");
   m.def("isa() -> str");
   m.def("set_isa(str name) -> ()");

@@ -60,28 +60,33 @@ const V& find_variant(const char* op, const V* const* variants, const std::strin
   return **v;
 }
 
+// The standard value of each parameter of the variant.
+template <class V>
+std::vector<int64_t> standard_values(const V& variant) {
+  std::vector<int64_t> values;
+  values.reserve((size_t)parameter_count(variant.parameters));
+  for (const Parameter* p = variant.parameters; p->name; ++p) values.push_back(p->standard);
+  return values;
+}
+
 // Returns one value for each parameter of the variant. `given` has as many, or none, which means the standard values.
 template <class V>
 std::vector<int64_t> checked_parameters(const char* op, const V& variant, const std::vector<int64_t>& given) {
   const size_t count = (size_t)parameter_count(variant.parameters);
   BIGTRI_CHECK(given.empty() || given.size() == count, "bigtri::", op, ": parameters must be none or ", count,
                " integers for variant '", variant.name, "', got ", given.size());
-  std::vector<int64_t> values = given;
+  if (given.empty()) return standard_values(variant);
   for (size_t i = 0; i < count; ++i) {
     const Parameter& p = variant.parameters[i];
-    if (given.empty()) {
-      values.push_back(p.standard);
-      continue;
-    }
     std::string allowed = std::to_string(p.low) + " to " + std::to_string(p.high);
     if (p.only) {
       allowed.clear();
       for (const int64_t* v = p.only; *v >= 0; ++v) allowed += (v == p.only ? "" : ", ") + std::to_string(*v);
     }
-    BIGTRI_CHECK(p.allows(values[i]), "bigtri::", op, ": parameter ", p.name, " of variant '", variant.name,
-                 "' must be ", allowed, ", got ", values[i]);
+    BIGTRI_CHECK(p.allows(given[i]), "bigtri::", op, ": parameter ", p.name, " of variant '", variant.name,
+                 "' must be ", allowed, ", got ", given[i]);
   }
-  return values;
+  return given;
 }
 
 }  // namespace bigtri
