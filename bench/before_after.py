@@ -1,17 +1,20 @@
-"""Every variant of the CPU in two checkouts that are built, an old one and this one, frame by frame in turns.
+"""Every variant in two checkouts that are built, an old one and this one, frame by frame in turns.
 
 A process for each checkout, and a second one for the old: the ratio of the two old ones is what a ratio of 1 looks like on the
-machine. One process draws a frame after the other, so that whatever else runs slows all of them.
+machine. One process draws a frame after the other, so that whatever else runs slows all of them. On CUDA a frame is the replay
+of a graph, and its time is the device's.
 
     git worktree add ../before COMMIT && (cd ../before && python setup.py build_ext --inplace)
     python bench/before_after.py ../before --csv bench/results/setup_cpu.csv
     python bench/before_after.py --rows bench/results/setup_cpu.csv --docs docs/variants.md --name set-up      # the table alone
+    python bench/before_after.py ../before --device cuda --size 256x256,1080p --seconds 0.2 --csv build/setup_cuda.csv
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import os
 import statistics
 import subprocess
@@ -30,48 +33,63 @@ from bigtri.study import provenance
 ROOT = Path(__file__).resolve().parents[1]
 # Draws what a line of its input names, and answers in ms.
 WORKER = """
-import sys, time, torch
+import sys, torch
 from bigtri import rasterize
-from bigtri.study import scenes
-height, width, threads = map(int, sys.argv[1:])
+from bigtri.study import clock, scenes
+device, threads = sys.argv[1], int(sys.argv[2])
 torch.set_num_threads(threads)
-out = torch.empty((height, width), dtype=torch.int64)
-depth = torch.empty((height, width))
-mesh = ()
+mesh, replay = (), ("", None)
 for line in sys.stdin:
-    scene, variant = line.split()
-    if (scene, height) != mesh[:2]:
-        mesh = scene, height, *map(torch.from_numpy, scenes.make(scene, width, height))
-    start = time.perf_counter()
-    rasterize(*mesh[2:], (height, width), variant=variant, backend="native", out=out, depth_out=depth)
-    print(1e3 * (time.perf_counter() - start), flush=True)
+    scene, variant, width, height = line.split()
+    width, height = int(width), int(height)
+    if (scene, width, height) != mesh[:3]:
+        mesh = scene, width, height, *(torch.from_numpy(array).to(device) for array in scenes.make(scene, width, height))
+        out = torch.empty((height, width), dtype=torch.int64, device=device)
+        depth = torch.empty((height, width), device=device)
+    draw = lambda: rasterize(*mesh[3:], (height, width), variant=variant, backend="native", out=out, depth_out=depth)
+    if device == "cpu":
+        ms = clock.wall_ms(draw)
+    else:
+        if line != replay[0]:
+            replay = line, clock.captured(draw, 1).replay
+        ms = clock.device_ms(replay[1])
+    print(ms, flush=True)
 """
 
 
 class Drawing:
     """A process that draws with a checkout's extension."""
 
-    def __init__(self, checkout: Path, resolution: tuple[int, int], threads: int) -> None:
-        command = [sys.executable, "-c", WORKER, *map(str, (*resolution, threads))]
-        given = {"cwd": checkout, "env": {**os.environ, "PYTHONPATH": str(checkout)}, "text": True}
+    def __init__(self, checkout: Path, device: str, threads: int) -> None:
+        command = [sys.executable, "-c", WORKER, device, str(threads)]
+        found_first = os.pathsep.join(filter(None, [str(checkout), os.environ.get("PYTHONPATH")]))
+        given = {"cwd": checkout, "env": {**os.environ, "PYTHONPATH": found_first}, "text": True}
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **given)  # type: ignore[call-overload]
 
-    def ms(self, scene: str, variant: str) -> float:
-        """The time of a frame."""
-        print(scene, variant, file=self.process.stdin, flush=True)
+    def begin(self, frame: str) -> None:
+        """frame: scene, variant, width and height."""
+        print(frame, file=self.process.stdin, flush=True)
+
+    def ms(self) -> float:
+        """The time of the frame that was begun."""
         return float(self.process.stdout.readline())
 
 
-def in_turns(drawings: Sequence[Drawing], scene: str, variant: str, seconds: float) -> list[list[float]]:
+def in_turns(drawings: Sequence[Drawing], frame: str, seconds: float) -> list[list[float]]:
     """The times of rounds [N][3], ms: each draws once, in another order each time."""
+    for drawing in drawings:  # all at once: they make the scene, which takes longest
+        drawing.begin(frame)
     for drawing in drawings:
-        drawing.ms(scene, variant)
+        drawing.ms()
     rounds: list[list[float]] = []
     end = time.perf_counter() + seconds
     while time.perf_counter() < end or len(rounds) < 5:
         first = len(rounds) % len(drawings)
         order = [*range(first, len(drawings)), *range(first)]
-        found = {k: drawings[k].ms(scene, variant) for k in order}
+        found = {}
+        for k in order:
+            drawings[k].begin(frame)
+            found[k] = drawings[k].ms()
         rounds.append([found[k] for k in range(len(drawings))])
     return rounds
 
@@ -82,41 +100,46 @@ def commit_of(checkout: Path) -> str:
 
 
 def measured(arguments: argparse.Namespace) -> list[dict[str, object]]:
-    width, height = arguments.size
-    drawings = [Drawing(path, (height, width), arguments.threads) for path in (arguments.before, arguments.before, ROOT)]
+    checkouts = (arguments.before, arguments.before, ROOT)
+    drawings = [Drawing(path, arguments.device, arguments.threads) for path in checkouts]
+    commits = arguments.commits or [commit_of(path) for path in (arguments.before, ROOT)]
     rows: list[dict[str, object]] = []
-    for scene in arguments.scenes.split(","):
-        for variant in native.VARIANTS["cpu"]:
-            rounds = in_turns(drawings, scene, variant, arguments.seconds)
-            before, _, after = (statistics.median(times) for times in zip(*rounds, strict=True))
-            rows.append(
-                {
-                    "scene": scene,
-                    "size": f"{width}x{height}",
-                    "variant": variant,
-                    "threads": arguments.threads,
-                    "before_ms": f"{before:.4f}",
-                    "after_ms": f"{after:.4f}",
-                    "ratio": f"{statistics.median(one[2] / one[0] for one in rounds):.3f}",
-                    "control": f"{statistics.median(one[1] / one[0] for one in rounds):.3f}",
-                    "rounds": len(rounds),
-                    "before": commit_of(arguments.before),
-                    "after": commit_of(ROOT),
-                    "device": provenance.device(),
-                    "torch": torch.__version__,
-                }
-            )
-            print(*list(rows[-1].values())[:9], flush=True)
+    cases = itertools.product(arguments.scenes.split(","), arguments.size)
+    for (scene, (width, height)), variant in itertools.product(cases, native.VARIANTS[arguments.device]):
+        rounds = in_turns(drawings, f"{scene} {variant} {width} {height}", arguments.seconds)
+        before, _, after = (statistics.median(times) for times in zip(*rounds, strict=True))
+        rows.append(
+            {
+                "scene": scene,
+                "size": f"{width}x{height}",
+                "variant": variant,
+                "threads": arguments.threads if arguments.device == "cpu" else "",
+                "before_ms": f"{before:.5f}",
+                "after_ms": f"{after:.5f}",
+                "ratio": f"{statistics.median(one[2] / one[0] for one in rounds):.3f}",
+                "control": f"{statistics.median(one[1] / one[0] for one in rounds):.3f}",
+                "rounds": len(rounds),
+                "before": commits[0],
+                "after": commits[1],
+                "device": provenance.device(arguments.device),
+                "torch": torch.__version__,
+            }
+        )
+        print(*list(rows[-1].values())[:9], flush=True)
     return rows
 
 
 def table(rows: Sequence[dict[str, object]]) -> str:
-    """Ratios, by scene and variant."""
-    ratios = {(row["scene"], row["variant"]): f"{float(str(row['ratio'])):.2f}" for row in rows}
-    variants = list(dict.fromkeys(row["variant"] for row in rows))
-    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    """Ratios, by case and variant; a case is a scene, or if there are several sizes, a scene of a size."""
+    sizes = {row["size"] for row in rows}
+
+    def case(row: dict[str, object]) -> str:
+        return f"{row['scene']}, {row['size']}" if len(sizes) > 1 else str(row["scene"])
+
+    ratios = {(case(row), row["variant"]): f"{float(str(row['ratio'])):.2f}" for row in rows}
+    variants, cases = list(dict.fromkeys(row["variant"] for row in rows)), list(dict.fromkeys(map(case, rows)))
     return markdown.table(
-        ["after / before", *map(str, scenes)], [[variant, *(ratios[scene, variant] for scene in scenes)] for variant in variants]
+        ["after / before", *cases], [[variant, *(ratios[each, variant] for each in cases)] for variant in variants]
     )
 
 
@@ -124,11 +147,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("before", nargs="?", type=Path, help="the old checkout, built")
     parser.add_argument("--scenes", default="R16k,S6-200k,R100k,R1M", help="default %(default)s")
-    parser.add_argument("--size", type=option_types.size, default="1080p", help="default %(default)s")
+    sizes = option_types.listed(option_types.size)
+    parser.add_argument("--size", type=sizes, default="1080p", help="sizes separated by commas; default %(default)s")
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="default %(default)s")
     parser.add_argument("--threads", type=option_types.count, default=1, help="default %(default)s")
     parser.add_argument(
         "--seconds", type=option_types.seconds, default=3, help="for each variant on each scene; default %(default)s"
     )
+    parser.add_argument("--commits", nargs=2, metavar=("BEFORE", "AFTER"), help="of checkouts that are copies without .git")
     parser.add_argument("--csv", type=Path)
     parser.add_argument("--rows", type=Path, help="take the rows from here")
     parser.add_argument("--docs", type=Path, help="put the table into this page")

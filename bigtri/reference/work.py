@@ -21,7 +21,7 @@ from .work_map import Places
 
 POINTER_BYTES = 8  # of a record in a queue
 _SHARES_TOGETHER = 1024  # kSharesTogether of csrc/cpu/shares.h
-_TINY_EXTENT = 4  # px; kTinyExtent of csrc/cpu/setup.inl
+_TINY_EXTENT = 4  # px; kTinyExtent of csrc/core/record.h
 NO_QUEUE = np.zeros((0, 3), np.int32), np.zeros(0, np.int64)
 
 

@@ -33,8 +33,9 @@ PATHS: dict[str, dict[str, int]] = {
     "narrow": {"few": 0, "widest": 20},
     "even": {"few": 0, "share": 256},
     "apart": {"few": 0, "share": 128},
-    "tested": {"few": 0, "share": 1024},
+    "tested": {"few": 0, "share": 1024, "search": 256},
     "queued": {"few": 0, "rows": 0},
+    "queued, tested": {"few": 0, "rows": 0, "share": 1024},
 }
 # More values of parameters than their registry names: lists and queues of one, sizes that leave work for a second turn.
 VALUES: dict[str, tuple[int, ...]] = {

@@ -23,8 +23,10 @@ import bigtri
 from bigtri import native, reference
 from bigtri.check import counters
 from bigtri.ops.rasterize import CULLS
+from bigtri.precision import EXACT
 from bigtri.reference.numerics import edges_of, stepped_values
 from bigtri.reference.records import Records
+from bigtri.reference.work import without_empty
 
 pytestmark = [
     pytest.mark.skipif(bool(cuda_on_cpu.available()), reason=cuda_on_cpu.available()),
@@ -199,6 +201,21 @@ def test_ranges_of_one_list(variant: str) -> None:
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
+def test_one_crowded_view_of_many(variant: str) -> None:
+    """It has enough triangles for its pixels that vertices are projected once, which takes memory; all together have not."""
+    case = case_of("mesh_of_small")
+    count, pixels = len(case.triangles), int(np.prod(case.resolution))
+    assert len(case.positions) <= 2 * count and 64 * count >= pixels
+    ranges = np.zeros((64 * count // pixels + 2, 2), np.int32)
+    ranges[1] = 0, count
+    tensors = torch.from_numpy(case.positions), torch.from_numpy(case.triangles)
+    seen = bigtri.rasterize(*tensors, case.resolution, ranges=torch.from_numpy(ranges))
+    assert seen.depth is not None
+    pictures = seen.packed.numpy(), seen.depth.numpy(), seen.dropped.numpy()
+    assert_right([Job(case, *pictures, variant, {}, ranges=ranges)])
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
 def test_an_index_out_of_range_is_dropped_and_counted(variant: str) -> None:
     case = case_of("mixed")
     indices = np.resize([-1, len(case.positions), 2**31 - 1, -(2**31)], 24)
@@ -315,9 +332,10 @@ def test_counters(tmp_path: Path) -> None:
     """Records, what is queued of them, and the pixels that they cover, each offered its depth once."""
     library = cuda_on_cpu.build_counting(tmp_path / "build")
     assert {*cuda_on_cpu.COUNTED} == {"scanline", "batched", *ENTRIES}
-    for variant, name in itertools.product(cuda_on_cpu.COUNTED, (*ODD, "many_small")):
+    every = itertools.product(cuda_on_cpu.COUNTED, (*ODD, "many_small"))
+    for (variant, name), search in zip(every, itertools.cycle((0, 256)), strict=False):
         case = case_of(name)
-        records, _ = reference.setup(case.positions, case.triangles, *case.resolution)
+        records = without_empty(reference.setup(case.positions, case.triangles, *case.resolution)[0], EXACT)
         fragments = counters.count(*case, variant="scanline", backend="reference")["fragments"]
         wanted = {"records": len(records.xy), "fragments": fragments}
         if variant in ENTRIES:
@@ -325,7 +343,7 @@ def test_counters(tmp_path: Path) -> None:
         else:
             wanted |= {"by_rows": len(records.xy)}
         found = np.zeros(len(native.COUNTERS), np.int64)
-        cuda_on_cpu.draw(library, job(case, variant, {"early_z": 0}), found)
+        cuda_on_cpu.draw(library, job(case, variant, {"early_z": 0, "search": search}), found)
         counted = dict(zip(native.COUNTERS, found.tolist(), strict=True))
         assert wanted == {key: counted[key] for key in wanted}, (variant, name)
         assert counted["overflows"] == 0

@@ -37,6 +37,29 @@ BIGTRI_HD int32_t extent(const int32_t v[3]) {
 }
 BIGTRI_HD int32_t extent_of(const Primitive& p) { return max_of(extent(p.x), extent(p.y)); }
 
+// Largest extent of a tiny triangle, subpx.
+constexpr int32_t kTinyExtent = 4 * kSubpixel;
+// Whether it is the rung's own coverage that covers_nothing() computes, and in numbers of 32 bits.
+constexpr bool kSkipsEmpty = Rung::kCoverage == CoverageRule::kFixed && !Rung::kWraps && Rung::kSubpixelBits <= 8;
+
+// Whether a primitive is tiny, has a bbox of at most 2x2 px, and covers none of these: such a one needs no record. Of a
+// mesh whose triangles are about as large as a pixel that is a third. e is within int32: a vertex and a sample are at
+// most kTinyExtent + kSubpixel < 2^11 apart, so |e| < 2 * 2^10 * 2^11. covers_nothing() of cpu/setup.inl repeats this
+// for eight triangles, without_empty() of bigtri/reference/work.py in Python.
+BIGTRI_HD bool covers_nothing(const Primitive& p) {
+  if (p.x1 - p.x0 > 2 || p.y1 - p.y0 > 2 || extent_of(p) >= kTinyExtent) return false;
+  const bool right = p.x1 - p.x0 == 2, below = p.y1 - p.y0 == 2;
+  int32_t outside[4] = {0, right ? 0 : -1, below ? 0 : -1, right && below ? 0 : -1};  // negative where the pixel is
+  for (int k = 0; k < 3; ++k) {
+    const Edge edge = edge_of(p.x, p.y, k);
+    const int32_t e =
+        edge.dx * (pixel_centre(p.y0) - edge.py) - edge.dy * (pixel_centre(p.x0) - edge.px) + (int32_t)edge_bias(edge);
+    for (int pixel = 0; pixel < 4; ++pixel)
+      outside[pixel] |= e - (pixel & 1) * kSubpixel * edge.dy + (pixel >> 1) * kSubpixel * edge.dx;
+  }
+  return (outside[0] & outside[1] & outside[2] & outside[3]) < 0;
+}
+
 // triangle: index of the parent. threshold: a bbox with more px makes the record large. kPlane: whether to set the area
 // and the depth plane.
 template <bool kPlane = true>

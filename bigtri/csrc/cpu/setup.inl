@@ -57,12 +57,8 @@ BIGTRI_INLINE void swap_where(const i32x8& mask, Lanes<T, 8>* a, Lanes<T, 8>* b)
   *b = select<T, 8>(mask, old, *b);
 }
 
-// Largest extent of a tiny triangle, subpx.
-constexpr int32_t kTinyExtent = 4 * kSubpixel;
-
-// Which of eight triangles cover no pixel, of those that are tiny and whose bboxes, px, are at most 2x2. Of a mesh whose
-// triangles are about as large as a pixel that is a third; they need no record. Vertices and bboxes as in a record. e is
-// within int32: a vertex and a sample are at most kTinyExtent + kSubpixel < 2^11 apart, so |e| < 2 * 2^10 * 2^11.
+// Which of eight triangles cover no pixel, of those that are tiny and whose bboxes, px, are at most 2x2: covers_nothing()
+// of core/record.h for all of them at once. Vertices and bboxes as in a record.
 BIGTRI_INLINE i32x8 covers_nothing(const i32x8 x[3], const i32x8 y[3], const i32x8& x0, const i32x8& y0,
                                    const i32x8& columns, const i32x8& rows) {
   i32x8 outside[2][2];  // [row][column], negative where the sample is
@@ -83,8 +79,6 @@ BIGTRI_INLINE i32x8 covers_nothing(const i32x8 x[3], const i32x8 y[3], const i32
 
 // Whether vectors hold what a rung's records are made of: snapped vertices of at most 25 bits, and nothing else.
 constexpr bool kSetsUpEight = Rung::kSubpixelBits <= 8 && !kUnsnapped;
-// Whether it is the rung's own coverage that covers_nothing computes.
-constexpr bool kSkipsEmpty = Rung::kCoverage == CoverageRule::kFixed && !Rung::kWraps;
 
 // Sets up the first `count` of eight triangles and returns the number of records.
 int set_up_eight(const SetupJob& job, const Eight& t, int count, Record* records, uint32_t* candidates) {

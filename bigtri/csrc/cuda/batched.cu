@@ -14,17 +14,20 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-#define BIGTRI_LIST(X)        \
-  BIGTRI_THREADS_PARAMETER(X) \
-  X(batch, "triangles", "of a block, which draws one after the other", kWarp, 1, kWarp)
+#define BIGTRI_LIST(X)                                                                                             \
+  BIGTRI_THREADS_PARAMETER(X)                                                                                      \
+  BIGTRI_SEARCH_PARAMETER(X)                                                                                       \
+  X(batch, "triangles", "of a block, which draws one after the other; of those that it tests first, 32", kWarp, 1, \
+    kWarp)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 // Shared memory of a block.
 struct Batch {
   Record record[kWarp];
+  Search search;
   ClipScratch clip;
   int count;  // records
-  unsigned to_clip;  // bit k: triangle k of the batch has to be clipped
+  unsigned to_clip;  // bit k: the triangle of lane k has to be clipped
 };
 
 // The pixels of the record's bounding box within one cell, which has one depth plane. By all threads of a block.
@@ -65,44 +68,60 @@ __device__ __forceinline__ void draw_records(const Frame& f, const Batch& b) {
   }
 }
 
-__global__ void __launch_bounds__(kMostThreads) draw_batches(const __grid_constant__ Frame f, int batch) {
+__global__ void __launch_bounds__(kMostThreads)
+    draw_batches(const __grid_constant__ Frame f, const __grid_constant__ SetUp how) {
   __shared__ Batch b;
   let_next_begin();
-  wait_for_previous();
-  const int64_t first = (int64_t)blockIdx.x * batch;
-  Primitive p;
-  if (this_warp() == 0) {
-    const Fate fate = set_up_lanes(f, first, (int)min_of<int64_t>(batch, f.count - first), &p);
-    const unsigned to_clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
-    const int count = put_records(fate == Fate::kWhole, p, f.first_triangle + first + lane_id(), b.record);
-    if (lane_id() == 0) {
-      b.to_clip = to_clip;
-      b.count = count;
-    }
-  }
+  const int64_t first = (int64_t)blockIdx.x * how.each;
+  const int32_t end = (int32_t)min_of<int64_t>(first + how.each, f.count);
+  if (this_warp() == 0) begin_set_up(how, (int32_t)first, &b.search);
   __syncthreads();
-  draw_records(f, b);
-  for (unsigned todo = b.to_clip; todo; todo &= todo - 1) {
-    const int64_t triangle = first + __ffs(todo) - 1;
-    __syncthreads();  // all have drawn what was there
+  // A block that tests none has one batch.
+  while (b.search.goes_on(end)) {
+    Primitive p;
+    int32_t t = 0;
+    __syncthreads();  // all know that it goes on, and have drawn what was there
     if (this_warp() == 0) {
-      const bool have = clip_lanes(f, triangle, &b.clip, &p);
-      const int count = put_records(have, p, f.first_triangle + triangle, b.record);
-      if (lane_id() == 0) b.count = count;
+      const Fate fate = set_up_next(f, how, end, &b.search, &t, &p);
+      const unsigned to_clip = __ballot_sync(kAllLanes, fate == Fate::kClip),
+                     dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
+      if (dropped) count_dropped(f, 0, dropped);
+      const int count = put_records(fate == Fate::kWhole, p, f.first_triangle + t, b.record);
+      if (lane_id() == 0) {
+        b.to_clip = to_clip;
+        b.count = count;
+      }
     }
     __syncthreads();
+    wait_for_previous();
     draw_records(f, b);
+    for (unsigned todo = b.to_clip; todo; todo &= todo - 1) {
+      __syncthreads();  // all have drawn what was there
+      if (this_warp() == 0) {
+        const int32_t triangle = __shfl_sync(kAllLanes, t, __ffs(todo) - 1);
+        const bool have = clip_lanes(f, triangle, &b.clip, &p);
+        const int count = put_records(have, p, f.first_triangle + triangle, b.record);
+        if (lane_id() == 0) b.count = count;
+      }
+      __syncthreads();
+      draw_records(f, b);
+    }
   }
+  wait_for_previous();
 }
 
-cudaError_t draw_view(const Frame& f, const Values& v, Nothing, cudaStream_t stream) {
-  BIGTRI_CUDA(launch_clear(f, nullptr, {}, stream));
-  if (f.count > 0)
-    BIGTRI_CUDA(launch_next(draw_batches, grid_blocks(f.count, v.batch), (int)v.threads, 0, stream, f, (int)v.batch));
+SetUp take(Scratch* scratch, const Frame& f, const Values& v) { return take_set_up(scratch, f, v.search); }
+
+cudaError_t draw_view(const Frame& f, const Values& v, SetUp how, cudaStream_t stream) {
+  BIGTRI_CUDA(launch_clear(f, how.projected, {}, stream));
+  if (f.count > 0) {
+    BIGTRI_CUDA(choose_each(f, v.search, (int)v.batch, &how));
+    BIGTRI_CUDA(launch_next(draw_batches, grid_blocks(f.count, how.each), (int)v.threads, 0, stream, f, how));
+  }
   return launch_depth(f, 0, stream);
 }
 
-using Drawn = ViewByView<Values, take_nothing<Values>, draw_view>;
+using Drawn = ViewByView<Values, take, draw_view>;
 
 }  // namespace
 

@@ -5,7 +5,7 @@
 
 #include "counting.cuh"
 #include "direct.cuh"
-#include "launch.cuh"
+#include "primitives.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -32,6 +32,7 @@ __device__ __forceinline__ void each_square(const Record& r, int size, int colum
 struct BinQueues {
   enum Counter { kRecordCount, kLeftCount, kNextBin, kCounters };
 
+  SetUp set_up;
   Record* records;
   uint64_t* counters;
   uint32_t* sizes;  // of the queues, or what they were to be
@@ -63,9 +64,11 @@ inline int64_t queue_room(int64_t wanted, int64_t records, int64_t count) {
   return min_of<int64_t>(records, wanted > 0 ? min_of<int64_t>(wanted, allowed) : allowed);
 }
 
-// queue: records that may wait; room: wanted in each bin's queue, or 0; size: of a bin, px.
-BinQueues take_bin_queues(Scratch* scratch, const Frame& f, int64_t queue, int64_t room, int size) {
+// queue: records that may wait; room: wanted in each bin's queue, or 0; search: as in BIGTRI_SEARCH_PARAMETER; size: of a
+// bin, px.
+BinQueues take_bin_queues(Scratch* scratch, const Frame& f, int64_t queue, int64_t room, int64_t search, int size) {
   BinQueues q;
+  q.set_up = take_set_up(scratch, f, search);
   q.size = size;
   q.columns = (f.view.width + size - 1) / size;
   q.count = q.columns * ((f.view.height + size - 1) / size);

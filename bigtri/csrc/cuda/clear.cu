@@ -25,10 +25,8 @@ __global__ void __launch_bounds__(kClearThreads, 4) clear_frame(const __grid_con
   if (blockIdx.x >= clearing_blocks) {
     const int64_t vertices = f.view_stride ? f.views * f.vertices : f.vertices;
     project_vertices<kVerticesEach>(f, (int64_t)(blockIdx.x - clearing_blocks) * kProjectVertices + threadIdx.x,
-                                    kClearThreads, vertices, [&](const Vertex& p, int64_t i) {
-                                      reinterpret_cast<int4*>(projected)[i] =
-                                          make_int4(p.x, p.y, __float_as_int(p.z), (int)p.flags);
-                                    });
+                                    kClearThreads, vertices,
+                                    [&](const Vertex& v, int64_t i) { store_vertex(v, projected + i); });
     return;
   }
   const int64_t thread = (int64_t)blockIdx.x * kClearThreads + threadIdx.x,

@@ -8,6 +8,7 @@
 #include "depth_image.h"
 #include "parameters.h"
 #include "queued.cuh"
+#include "rows.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -16,6 +17,7 @@ namespace {
 #define BIGTRI_LIST(X)       \
   BIGTRI_BLOCKS_PARAMETER(X) \
   BIGTRI_QUEUE_PARAMETER(X)  \
+  BIGTRI_SEARCH_PARAMETER(X) \
   BIGTRI_ROOM_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
@@ -29,7 +31,7 @@ struct Queues : BinQueues {
 
 Queues take_queues(Scratch* scratch, const Frame& f, const Values& v) {
   Queues q;
-  static_cast<BinQueues&>(q) = take_bin_queues(scratch, f, v.queue, v.room, kBin);
+  static_cast<BinQueues&>(q) = take_bin_queues(scratch, f, v.queue, v.room, v.search, kBin);
   q.order = scratch->take<uint32_t>(q.count);
   return q;
 }
@@ -227,8 +229,8 @@ __global__ void __launch_bounds__(kThreads)
 cudaError_t draw_view(const Frame& f, const Values& v, const Queues& q, cudaStream_t stream) {
   int blocks;
   BIGTRI_CUDA(blocks_for(draw_bins, kThreads, 0, q.count, v.blocks, &blocks));
-  BIGTRI_CUDA(launch_clear(f, nullptr, q.zeros(), stream));
-  BIGTRI_CUDA(launch_set_up(f, static_cast<const BinQueues&>(q), stream));
+  BIGTRI_CUDA(launch_clear(f, q.set_up.projected, q.zeros(), stream));
+  BIGTRI_CUDA(launch_set_up(f, static_cast<const BinQueues&>(q), v.search, stream));
   BIGTRI_CUDA(launch_next(order_bins, 1, kThreads, 0, stream, q));
   BIGTRI_CUDA(launch_next(draw_bins, blocks, kThreads, 0, stream, f, q));
   return launch_depth(f, v.blocks, stream);

@@ -20,6 +20,7 @@ constexpr int kMostLevels = 11;  // tiles of 16 px, and above them up to the wid
 #define BIGTRI_LIST(X)                                                                                               \
   BIGTRI_BLOCKS_PARAMETER(X)                                                                                         \
   BIGTRI_QUEUE_PARAMETER(X)                                                                                          \
+  BIGTRI_SEARCH_PARAMETER(X)                                                                                         \
   BIGTRI_EARLY_Z_PARAMETER(X)                                                                                        \
   X(tile, "px", "of the finest tiles", 16, 16, 64, kTileSizes)                                                       \
   X(levels, "", "of the pyramid; 0: up to a tile that holds the image", 0, 0, kMostLevels)                           \
@@ -38,6 +39,7 @@ struct Level {
 };
 
 struct Pyramid {
+  SetUp set_up;
   Record* records;
   uint32_t* sizes;  // of the lists, or what they were to be; in front of them the counts
   uint32_t* slots;  // of records, list after list
@@ -55,6 +57,7 @@ struct Pyramid {
 
 Pyramid take_pyramid(Scratch* scratch, const Frame& f, const Values& v) {
   Pyramid p;
+  p.set_up = take_set_up(scratch, f, v.search);
   p.levels = (int)v.levels;
   if (p.levels == 0)
     for (p.levels = 1; v.tile << (p.levels - 1) < max_of(f.view.width, f.view.height);) ++p.levels;
@@ -157,8 +160,8 @@ __global__ void __launch_bounds__(kThreads, 4)
 }
 
 cudaError_t draw_view(const Frame& f, const Values& v, const Pyramid& p, cudaStream_t stream) {
-  BIGTRI_CUDA(launch_clear(f, nullptr, p.zeros(), stream));
-  BIGTRI_CUDA(launch_set_up(f, p, stream));
+  BIGTRI_CUDA(launch_clear(f, p.set_up.projected, p.zeros(), stream));
+  BIGTRI_CUDA(launch_set_up(f, p, v.search, stream));
   int blocks;
   const int64_t regions = (int64_t)((f.view.width + kRegion - 1) / kRegion) * ((f.view.height + kRegion - 1) / kRegion);
   BIGTRI_CUDA(blocks_for(walk_up, kThreads, 0, (regions + kWarps - 1) / kWarps, v.blocks, &blocks));

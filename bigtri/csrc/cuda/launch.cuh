@@ -180,21 +180,19 @@ cudaError_t each_view(const Frame& f, const Draw& draw) {
   return cudaSuccess;
 }
 
-// The kTake of a variant that works without memory.
-struct Nothing {};
-template <class Values>
-Nothing take_nothing(Scratch*, const Frame&, const Values&) {
-  return {};
-}
-
 // A variant that draws a view at a time, as the registry calls it. kTake(scratch, frame, values) lays out the memory that
 // every view uses again; kDraw(frame, values, what kTake gave, stream) draws one.
 template <class Values, auto kTake, auto kDraw>
 struct ViewByView {
   static int64_t scratch_bytes(const Frame& f, const int64_t* values) {
-    Scratch scratch = {nullptr};
-    kTake(&scratch, f, Values::of(values));
-    return scratch.used;
+    int64_t most = 0;
+    each_view(f, [&](const Frame& one) {
+      Scratch scratch = {nullptr};
+      kTake(&scratch, one, Values::of(values));
+      most = max_of(most, scratch.used);
+      return cudaSuccess;
+    });
+    return most;
   }
   static cudaError_t draw(const Frame& frame, const int64_t* values, void* memory, cudaStream_t stream) {
     const Values v = Values::of(values);

@@ -4,7 +4,7 @@
 
 #include "counting.cuh"
 #include "direct.cuh"
-#include "launch.cuh"
+#include "primitives.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -18,6 +18,7 @@ struct Pair {
 struct PairQueue {
   enum Counter { kRecordCount, kPairCount, kNextPair, kCounters };
 
+  SetUp set_up;
   Record* records;
   Pair* pairs;
   uint64_t* counters;
@@ -26,9 +27,10 @@ struct PairQueue {
   Zeros zeros() const { return Zeros::of(counters, kCounters); }
 };
 
-// queue: records that may wait.
-PairQueue take_pairs(Scratch* scratch, const Frame& f, int64_t queue) {
+// queue: records that may wait. search: as in BIGTRI_SEARCH_PARAMETER.
+PairQueue take_pairs(Scratch* scratch, const Frame& f, int64_t queue, int64_t search) {
   PairQueue q;
+  q.set_up = take_set_up(scratch, f, search);
   q.record_room = (uint32_t)min_of<int64_t>(queue, (int64_t)f.count * kMaxSubTriangles);
   // Sixteen bins for each record that may wait; a queue that is as small as tests make it is small for pairs too, so
   // that they see it full.

@@ -31,6 +31,14 @@ constexpr int64_t kThreadCounts[] = {32, 64, 128, 256, kMostThreads, -1};
     "may show; 0: by the image and the number of triangles",                                                         \
     0, 0, 1024, kShares)
 
+// 256: kSearched of ways.cuh
+constexpr int64_t kSearches[] = {0, 32, 256, -1};
+#define BIGTRI_SEARCH_PARAMETER(X)                                                                                    \
+  X(search, "triangles",                                                                                              \
+    "of a warp that sets up: 256, of which it sets up those that have a pixel centre in their bboxes, 32 at a time, " \
+    "or 32 at most, which it sets up all; 0: by the image and the number of triangles",                               \
+    0, 0, 256, kSearches)
+
 #define BIGTRI_ROOM_PARAMETER(X)                                                                                       \
   X(room, "records",                                                                                                   \
     "in the queue of a bin or finest tile; what comes after, all look at; 0: as many as 32 MiB allow for all of them", \
@@ -39,10 +47,11 @@ constexpr int64_t kThreadCounts[] = {32, 64, 128, 256, kMostThreads, -1};
   X(early_z, "", "1: what lies behind all that has been drawn is rejected before its depth is computed; 0: it is not", \
     1, 0, 1)
 
-#define BIGTRI_ROWS_PARAMETER(X)                                                                                      \
-  X(rows, "",                                                                                                         \
-    "1: triangles that fit are drawn by rows at set-up; 0: all wait, as they always do with a rung of the ladder", 1, \
-    0, 1)
+#define BIGTRI_ROWS_PARAMETER(X)                                                                                       \
+  X(rows, "",                                                                                                          \
+    "1: triangles that fit are drawn by rows at set-up; 0: all wait, as with a rung of the ladder, and share says no " \
+    "more than whether warps test triangles first",                                                                    \
+    1, 0, 1)
 
 // From a variant's list, X(name, unit, what it is, standard, lowest, highest[, the only ones allowed]) for each, in the
 // variant's namespace: the parameters, and their values by name.

@@ -1,19 +1,18 @@
-// The persistent-kernel variant: one kernel whose blocks stay. All set up triangles and put them into a queue for each
-// bin; then blocks own bins, first come, first served, draw a bin's queue into a copy of the bin in shared memory, a
+// The persistent-kernel variant: one kernel whose blocks stay. All project vertices where each is projected once, set up
+// triangles and put them into a queue for each bin; then blocks own bins, first come, first served, draw a bin's queue into a copy of the bin in shared memory, a
 // warp taking a row of tiles of an entry at a time, and write each pixel once. Between the two all blocks wait for each other. More
 // triangles than there is room for records take several passes, each going on from the frame that the last one left.
 
 #include "depth_image.h"
-#include "clip.cuh"
 #include "direct.cuh"
-#include "launch.cuh"
 #include "parameters.h"
+#include "primitives.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-#define BIGTRI_LIST(X) BIGTRI_BLOCKS_PARAMETER(X) BIGTRI_QUEUE_PARAMETER(X)
+#define BIGTRI_LIST(X) BIGTRI_BLOCKS_PARAMETER(X) BIGTRI_QUEUE_PARAMETER(X) BIGTRI_SEARCH_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 constexpr int kThreads = 256, kWarps = kThreads / kWarp;
@@ -24,15 +23,15 @@ constexpr int kRows = kBin / kTile;  // of tiles in a bin
 
 struct Counters {
   uint32_t arrived;  // at the barriers, in all
-  uint32_t parts;  // of clipped triangles
+  uint32_t whole, parts;  // records: of whole triangles, and parts of clipped ones
   uint32_t deferred;  // triangles whose parts found no room
   uint32_t next_bin;
   unsigned long long dropped;
 };
 
 struct Job {
-  Record* records;  // of the pass: triangle by triangle, then parts
-  uint8_t* valid;  // whether there is a record
+  SetUp set_up;
+  Record* records;  // of the pass: `pass` places for whole triangles, then those for parts; each filled from its front
   int32_t* deferred;
   uint32_t* bin_count;  // of its queue; more than there is room for: the bin looks at all records
   uint32_t* queues;
@@ -43,6 +42,7 @@ struct Job {
 
 Job take_job(Scratch* scratch, const Frame& f, const Values& v) {
   Job j;
+  j.set_up = take_set_up(scratch, f, v.search);
   j.bins_x = bin_columns(f.view);
   j.bins_y = bin_rows(f.view);
   j.pass = min_of(f.count, kPassTriangles);
@@ -52,7 +52,6 @@ Job take_job(Scratch* scratch, const Frame& f, const Values& v) {
   j.counters = scratch->take<Counters>(1);  // these two are cleared together
   j.bin_count = scratch->take<uint32_t>(bins);
   j.records = scratch->take<Record>(records);
-  j.valid = scratch->take<uint8_t>(records);
   j.deferred = scratch->take<int32_t>(j.pass);
   j.queues = scratch->take<uint32_t>(bins * j.room);
   return j;
@@ -102,9 +101,12 @@ __device__ __forceinline__ void queue_records(const Job& j, bool have, uint32_t 
 }
 
 // Of a warp: one may still clip while another draws.
-union WarpOwn {
-  ClipScratch clip;
-  Record record[kWarp];
+struct WarpOwn {
+  Search search;
+  union {
+    ClipScratch clip;
+    Record record[kWarp];
+  };
   __device__ WarpOwn() {}
 };
 
@@ -126,41 +128,72 @@ struct Shared {
   __device__ Shared() {}
 };
 
-__device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int count, Shared* s) {
-  const int warp = threadIdx.x / kWarp;
-  for (int first = (blockIdx.x * kWarps + warp) * kWarp; first < count; first += gridDim.x * kThreads) {
-    const int slot = first + lane_id();
+constexpr uint32_t kNoRoom = ~0u;
+
+// The first of the next n places of `room`, or kNoRoom where there are less left: then none is taken. By all lanes.
+__device__ __forceinline__ uint32_t claim_all(uint32_t* count, uint32_t room, uint32_t n) {
+  uint32_t at = 0;
+  if (lane_id() == 0) {
+    uint32_t seen = __ldcg(count);
+    do {
+      at = seen;
+      seen = at + n <= room ? atomicCAS(count, at, at + n) : at;
+    } while (seen != at);
+    if (at + n > room) at = kNoRoom;
+  }
+  return __shfl_sync(kAllLanes, at, 0);
+}
+
+// The lanes' primitives to records from place `first` on, which go to the queues. By all lanes.
+__device__ __forceinline__ void put_and_queue(const Job& j, bool have, const Primitive& p, int64_t triangle,
+                                              uint32_t first) {
+  const uint32_t slot = first + (uint32_t)__popc(__ballot_sync(kAllLanes, have) & lanes_below());
+  if (have) fill_record(p, triangle, &j.records[slot]);
+  __syncwarp();
+  queue_records(j, have, slot);
+}
+
+// The share of a warp, its triangles [first, end).
+__device__ __forceinline__ void set_up_share(const Frame& f, const Job& j, int32_t first, int32_t end, WarpOwn* own) {
+  begin_set_up(j.set_up, first, &own->search);
+  while (own->search.goes_on(end)) {
     Primitive p;
-    const Fate fate = slot < count ? set_up(f, (int32_t)(base + slot), &p) : Fate::kNothing;
-    if (fate == Fate::kWhole) fill_record(p, f.first_triangle + base + slot, &j.records[slot]);
-    if (slot < count) j.valid[slot] = fate == Fate::kWhole;
-    __syncwarp();
-    queue_records(j, fate == Fate::kWhole, (uint32_t)slot);
-    for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
-      const int32_t triangle = (int32_t)(base + first + __ffs(todo) - 1);
-      Primitive part;
-      const bool have = clip_part(f, 0, triangle, &s->warp[warp].clip, &part);
-      const unsigned all = __ballot_sync(kAllLanes, have);
+    int32_t t;
+    const Fate fate = set_up_next(f, j.set_up, end, &own->search, &t, &p);
+    const unsigned whole = __ballot_sync(kAllLanes, fate == Fate::kWhole),
+                   dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
+    if (whole) {
       uint32_t at = 0;
-      if (lane_id() == 0) at = atomicAdd(&j.counters->parts, (uint32_t)__popc(all));
-      at = __shfl_sync(kAllLanes, at, 0);
-      if (at + __popc(all) > (uint32_t)j.parts) {  // all parts or none
-        for (uint32_t i = at + lane_id(); i < min_of<uint32_t>(at + __popc(all), (uint32_t)j.parts); i += kWarp)
-          j.valid[j.pass + i] = 0;
-        if (lane_id() == 0) j.deferred[atomicAdd(&j.counters->deferred, 1u)] = triangle;
-        continue;
-      }
-      const uint32_t its = (uint32_t)j.pass + at + __popc(all & lanes_below());
-      if (have) {
-        fill_record(part, f.first_triangle + triangle, &j.records[its]);
-        j.valid[its] = 1;
-      }
-      __syncwarp();
-      queue_records(j, have, its);
+      if (lane_id() == 0) at = atomicAdd(&j.counters->whole, (uint32_t)__popc(whole));
+      put_and_queue(j, fate == Fate::kWhole, p, f.first_triangle + t, __shfl_sync(kAllLanes, at, 0));
     }
-    const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
+    for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
+      const int32_t triangle = __shfl_sync(kAllLanes, t, __ffs(todo) - 1);
+      const bool have = clip_lanes(f, triangle, &own->clip, &p);
+      const uint32_t parts = (uint32_t)__popc(__ballot_sync(kAllLanes, have)),
+                     place = claim_all(&j.counters->parts, (uint32_t)j.parts, parts);
+      if (place != kNoRoom)
+        put_and_queue(j, have, p, f.first_triangle + triangle, (uint32_t)j.pass + place);
+      else if (lane_id() == 0)
+        j.deferred[atomicAdd(&j.counters->deferred, 1u)] = triangle;
+    }
     if (dropped && lane_id() == 0) atomicAdd(&j.counters->dropped, (unsigned long long)__popc(dropped));
   }
+}
+
+__device__ void set_up_pass(const Frame& f, const Job& j, int64_t base, int count, Shared* s) {
+  const int64_t step = (int64_t)gridDim.x * kWarps * j.set_up.each;
+  for (int64_t first = ((int64_t)blockIdx.x * kWarps + this_warp()) * j.set_up.each; first < count; first += step)
+    set_up_share(f, j, (int32_t)(base + first), (int32_t)(base + min_of<int64_t>(first + j.set_up.each, count)),
+                 &s->warp[this_warp()]);
+}
+
+__device__ void project_all(const Frame& f, Vertex* projected) {
+  constexpr int kEach = 2;
+  const int step = (int)gridDim.x * kThreads;
+  for (int64_t first = blockIdx.x * kThreads + threadIdx.x; first < f.vertices; first += (int64_t)kEach * step)
+    project_vertices<kEach>(f, first, step, f.vertices,
+                            [&](const Vertex& v, int64_t i) { store_vertex(v, projected + i); });
 }
 
 // A row of tiles of one entry, into shared memory. By all lanes of a warp.
@@ -203,7 +236,8 @@ __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records
   }
 }
 
-__device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int parts, bool first_pass, Shared* s) {
+// whole, parts: records of the pass.
+__device__ void draw_bin(const Frame& f, const Job& j, int bin, int whole, int parts, bool first_pass, Shared* s) {
   const int bin_x = bin % j.bins_x, bin_y = bin / j.bins_x, warp = threadIdx.x / kWarp;
   for (int i = threadIdx.x; i < kBin * kBin; i += kThreads) {
     const int px = bin_x * kBin + i % kBin, py = bin_y * kBin + i / kBin;
@@ -213,7 +247,7 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
   if (threadIdx.x == 0) s->far = float_bits(kInfinity);
   const uint32_t waiting = j.bin_count[bin];
   const bool listed = waiting <= (uint32_t)j.room;
-  const int n = listed ? (int)waiting : j.pass + parts;
+  const int n = listed ? (int)waiting : whole + parts;
   Together* const t = &s->together;
   for (int base = 0; base < n; base += kThreads) {
     __syncthreads();
@@ -221,24 +255,21 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int count, int p
     __syncthreads();
     const int i = base + (int)threadIdx.x;
     if (i < n) {
-      const int slot = listed ? (int)j.queues[(int64_t)bin * j.room + i] : i;
-      const bool valid = listed || ((i < count || i >= j.pass) && j.valid[i]);
-      if (valid) {
-        const Record& r = j.records[slot];
-        const bool inside = listed || (r.x0 / kBin <= bin_x && (r.x1 - 1) / kBin >= bin_x && r.y0 / kBin <= bin_y &&
-                                       (r.y1 - 1) / kBin >= bin_y);
-        if (inside) {
-          const Meeting meeting = meet(r, (uint32_t)slot, bin_x, bin_y, 0, 0, kBin, kBin);
-          if (meeting.meets()) {
-            const int entry = atomicAdd(&s->count, 1);
-            meeting.make_entry(r, &t->entries[entry]);
-            const int first = max_of(r.y0 - bin_y * kBin, 0) / kTile,
-                      end = (min_of(r.y1 - bin_y * kBin, kBin) - 1) / kTile + 1;
-            const int at = atomicAdd(&s->row_count, end - first);
-            for (int row = first; row < end; ++row) t->rows[at + row - first] = (uint16_t)(entry * kRows + row);
-          }
-          if (meeting.farthest < kInfinity) atomicMin(&s->far, float_bits(meeting.farthest));
+      const int slot = listed ? (int)j.queues[(int64_t)bin * j.room + i] : i < whole ? i : j.pass + i - whole;
+      const Record& r = j.records[slot];
+      const bool inside = listed || (r.x0 / kBin <= bin_x && (r.x1 - 1) / kBin >= bin_x && r.y0 / kBin <= bin_y &&
+                                     (r.y1 - 1) / kBin >= bin_y);
+      if (inside) {
+        const Meeting meeting = meet(r, (uint32_t)slot, bin_x, bin_y, 0, 0, kBin, kBin);
+        if (meeting.meets()) {
+          const int entry = atomicAdd(&s->count, 1);
+          meeting.make_entry(r, &t->entries[entry]);
+          const int first = max_of(r.y0 - bin_y * kBin, 0) / kTile,
+                    end = (min_of(r.y1 - bin_y * kBin, kBin) - 1) / kTile + 1;
+          const int at = atomicAdd(&s->row_count, end - first);
+          for (int row = first; row < end; ++row) t->rows[at + row - first] = (uint16_t)(entry * kRows + row);
         }
+        if (meeting.farthest < kInfinity) atomicMin(&s->far, float_bits(meeting.farthest));
       }
     }
     __syncthreads();
@@ -277,36 +308,41 @@ __global__ void __launch_bounds__(kThreads)
   uint32_t expected = 0;
   Counters* c = j.counters;
   int64_t base = 0;
+  if (j.set_up.projected) {
+    project_all(f, j.set_up.projected);
+    wait_for_all(c, &expected);
+  }
   do {
     const int count = (int)min_of<int64_t>(j.pass, f.count - base);
     set_up_pass(f, j, base, count, s);
     wait_for_all(c, &expected);
-    const int parts = (int)min_of<uint32_t>(__ldcg(&c->parts), (uint32_t)j.parts), deferred = (int)__ldcg(&c->deferred);
+    const int whole = (int)__ldcg(&c->whole), parts = (int)__ldcg(&c->parts), deferred = (int)__ldcg(&c->deferred);
     for (;;) {
       __syncthreads();
       if (threadIdx.x == 0) s->bin = (int)atomicAdd(&c->next_bin, 1u);
       __syncthreads();
       const int bin = s->bin;
       if (bin >= j.bins_x * j.bins_y) break;
-      draw_bin(f, j, bin, count, parts, base == 0, s);
+      draw_bin(f, j, bin, whole, parts, base == 0, s);
     }
     base += count;
     if (base < f.count || deferred) {
       wait_for_all(c, &expected);
       if (deferred) draw_deferred(f, j, deferred, s);
-      if (blockIdx.x == 0 && threadIdx.x == 0) c->parts = c->deferred = c->next_bin = 0;
+      if (blockIdx.x == 0 && threadIdx.x == 0) c->whole = c->parts = c->deferred = c->next_bin = 0;
       wait_for_all(c, &expected);
     }
   } while (base < f.count);
   if (blockIdx.x == 0 && threadIdx.x == 0) *f.dropped = (int64_t)__ldcg(&c->dropped);
 }
 
-cudaError_t draw_view(const Frame& f, const Values& v, const Job& job, cudaStream_t stream) {
+cudaError_t draw_view(const Frame& f, const Values& v, Job job, cudaStream_t stream) {
   const char* end = reinterpret_cast<const char*>(job.bin_count + (int64_t)job.bins_x * job.bins_y);
   BIGTRI_CUDA(cudaMemsetAsync(job.counters, 0, (size_t)(end - reinterpret_cast<const char*>(job.counters)), stream));
   int blocks;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(stay_and_draw), kThreads, sizeof(Shared), &blocks));
   if (v.blocks > 0) blocks = min_of(blocks, (int)v.blocks);  // all of them have to be resident
+  BIGTRI_CUDA(choose_each(f, v.search, untested_each(f, (int64_t)blocks * kWarps), &job.set_up));
   BIGTRI_CUDA(launch_together(stay_and_draw, blocks, kThreads, sizeof(Shared), stream, f, job));
   return launch_depth(f, v.blocks, stream);
 }

@@ -18,6 +18,7 @@ namespace {
 #define BIGTRI_LIST(X)        \
   BIGTRI_BLOCKS_PARAMETER(X)  \
   BIGTRI_QUEUE_PARAMETER(X)   \
+  BIGTRI_SEARCH_PARAMETER(X)  \
   BIGTRI_EARLY_Z_PARAMETER(X) \
   X(separate, "",             \
     "1: squares beyond the bounding box are rejected, which no edge may do near a corner; 0: they are not", 1, 0, 1)
@@ -147,13 +148,13 @@ __global__ void __launch_bounds__(kThreads)
   });
 }
 
-PairQueue take(Scratch* scratch, const Frame& f, const Values& v) { return take_pairs(scratch, f, v.queue); }
+PairQueue take(Scratch* scratch, const Frame& f, const Values& v) { return take_pairs(scratch, f, v.queue, v.search); }
 
 cudaError_t draw_view(const Frame& f, const Values& v, const PairQueue& q, cudaStream_t stream) {
-  BIGTRI_CUDA(launch_clear(f, nullptr, q.zeros(), stream));
+  BIGTRI_CUDA(launch_clear(f, q.set_up.projected, q.zeros(), stream));
   if (f.count > 0) {
     int blocks;
-    BIGTRI_CUDA(launch_set_up(f, q, stream));
+    BIGTRI_CUDA(launch_set_up(f, q, v.search, stream));
     BIGTRI_CUDA(blocks_for(descend_pairs, kThreads, 0, INT32_MAX, v.blocks, &blocks));
     BIGTRI_CUDA(launch_next(descend_pairs, blocks, kThreads, 0, stream, f, q, v.early_z != 0, v.separate != 0));
   }

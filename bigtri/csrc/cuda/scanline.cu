@@ -14,7 +14,7 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-#define BIGTRI_LIST(X) BIGTRI_THREADS_PARAMETER(X)
+#define BIGTRI_LIST(X) BIGTRI_THREADS_PARAMETER(X) BIGTRI_SEARCH_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 // Pixels [begin, end) of row y, in one cell.
@@ -50,30 +50,43 @@ __device__ __noinline__ void draw_primitive(const Frame& f, const Primitive& p, 
   }
 }
 
-__global__ void __launch_bounds__(kMostThreads) draw_triangles(const __grid_constant__ Frame f) {
+// Shared memory of a warp.
+struct Own {
+  Search search;
+  ClipScratch clip;
+};
+
+__global__ void __launch_bounds__(kMostThreads)
+    draw_triangles(const __grid_constant__ Frame f, const __grid_constant__ SetUp how) {
   extern __shared__ __align__(16) char memory[];
   let_next_begin();
-  wait_for_previous();
-  const int64_t first = (int64_t)blockIdx.x * blockDim.x + this_warp() * kWarp;
-  ClipScratch* const clip = reinterpret_cast<ClipScratch*>(memory) + this_warp();
-  Primitive p;
-  const Fate fate = set_up_lanes(f, first, (int)min_of<int64_t>(kWarp, f.count - first), &p);
-  if (fate == Fate::kWhole) draw_primitive(f, p, first + lane_id());
-  for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
-    const int64_t triangle = first + __ffs(todo) - 1;
-    if (clip_lanes(f, triangle, clip, &p)) draw_primitive(f, p, triangle);
-  }
+  Own* const own = reinterpret_cast<Own*>(memory) + this_warp();
+  const int64_t first = ((int64_t)blockIdx.x * (blockDim.x / kWarp) + this_warp()) * how.each;
+  if (first >= f.count) return wait_for_previous();
+  const int32_t end = (int32_t)min_of<int64_t>(first + how.each, f.count);
+  each_primitive(f, how, (int32_t)first, end, &own->search, &own->clip, [&](bool have, const Primitive& p, int32_t t) {
+    if (have) draw_primitive(f, p, t);
+    __syncwarp();
+  });
 }
 
-cudaError_t draw_view(const Frame& f, const Values& v, Nothing, cudaStream_t stream) {
-  BIGTRI_CUDA(launch_clear(f, nullptr, {}, stream));
-  if (f.count > 0)
-    BIGTRI_CUDA(launch_next(draw_triangles, grid_blocks(f.count, v.threads), (int)v.threads,
-                            v.threads / kWarp * (int64_t)sizeof(ClipScratch), stream, f));
+SetUp take(Scratch* scratch, const Frame& f, const Values& v) { return take_set_up(scratch, f, v.search); }
+
+cudaError_t draw_view(const Frame& f, const Values& v, SetUp how, cudaStream_t stream) {
+  BIGTRI_CUDA(launch_clear(f, how.projected, {}, stream));
+  if (f.count > 0) {
+    const int64_t warps = v.threads / kWarp;
+    BIGTRI_CUDA(choose_each(f, v.search, kWarp, &how));
+    BIGTRI_CUDA(cudaFuncSetAttribute(reinterpret_cast<const void*>(draw_triangles),
+                                     cudaFuncAttributeMaxDynamicSharedMemorySize,
+                                     kMostThreads / kWarp * (int)sizeof(Own)));
+    BIGTRI_CUDA(launch_next(draw_triangles, grid_blocks(f.count, warps * how.each), (int)v.threads,
+                            warps * (int64_t)sizeof(Own), stream, f, how));
+  }
   return launch_depth(f, 0, stream);
 }
 
-using Drawn = ViewByView<Values, take_nothing<Values>, draw_view>;
+using Drawn = ViewByView<Values, take, draw_view>;
 
 }  // namespace
 

@@ -81,6 +81,11 @@ __device__ __forceinline__ Vertex load_and_project(const Frame& f, int64_t i) {
   return project_vertex(v, f.view.width, f.view.height);
 }
 
+// 16 bytes at once.
+__device__ __forceinline__ void store_vertex(const Vertex& v, Vertex* to) {
+  *reinterpret_cast<int4*>(to) = make_int4(v.x, v.y, __float_as_int(v.z), (int)v.flags);
+}
+
 // Projects vertices first, first + step, ... below `end` of a thread, kEach at most, and calls put(vertex, where it
 // is): all are loaded before the first is used.
 template <int kEach, class Put>

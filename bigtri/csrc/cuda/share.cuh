@@ -11,30 +11,6 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int kMostlySmall = 24;  // triangles of a warp's 32 within 8x8 px that make boxes worth while
-constexpr int kMostlyShown = 24;  // triangles of 32 that may show and make testing further ones a waste
-
-// What a warp that tests its triangles knows. It lies in shared memory, so that no register holds it while they are
-// drawn.
-struct Search {
-  int32_t next;  // the first triangle not looked at
-  int32_t waiting;  // how many wait in the list
-  bool test;  // whether to test, or to take all, because most of those tested may show
-  int32_t list[2 * kWarp];
-
-  // By all lanes.
-  __device__ __forceinline__ void begin(int32_t first) {
-    if (lane_id() == 0) {
-      next = first;
-      waiting = 0;
-      test = true;
-    }
-    __syncwarp();
-  }
-  // The vote changes nothing but what the compiler knows: that the lanes of a warp stay together.
-  __device__ __forceinline__ bool goes_on(int32_t end) const {
-    return __any_sync(kAllLanes, reread(next) < end || reread(waiting) > 0);
-  }
-};
 
 // A primitive that is left over where most are small, until these are drawn.
 struct Left {
@@ -101,21 +77,6 @@ struct ShareShared {
 };
 static_assert(sizeof(ShareShared<Way::kEven>) <= 48 * 1024, "as much as a block can have without asking");
 
-// The corners of triangle t. projected: the view's vertices. An index that names none of them drops the triangle.
-__device__ __forceinline__ void projected_corners(const Frame& f, const Vertex* projected, int32_t t, Vertex v[3]) {
-  // No index reaches beyond int32, and a negative one is large as a uint32.
-  const uint32_t vertices = (uint32_t)min_of<int64_t>(f.vertices, (int64_t)INT32_MAX + 1);
-  int32_t index[3];
-  for (int k = 0; k < 3; ++k) index[k] = __ldg(f.triangles + 3 * (int64_t)t + k);
-  for (int k = 0; k < 3; ++k) v[k] = {0, 0, 0.0f, kNonFinite};
-  if (!((uint32_t)index[0] < vertices && (uint32_t)index[1] < vertices && (uint32_t)index[2] < vertices)) return;
-  for (int k = 0; k < 3; ++k) {
-    // Not __ldg: the kernel in front may still have been writing them when this one began.
-    const int4 p = reinterpret_cast<const int4*>(projected)[index[k]];
-    v[k] = {p.x, p.y, __int_as_float(p.z), (uint32_t)p.w};
-  }
-}
-
 // The corners of triangle t, projected by this thread alone.
 __device__ __forceinline__ void own_corners(const Frame& f, int64_t first, int32_t t, Vertex v[3]) {
   int32_t index[3];
@@ -141,26 +102,16 @@ __device__ __forceinline__ void make_corners(const Frame& f, int64_t first_verte
   if (index >= 0 && index < f.vertices) corners[c] = load_and_project(f, first_vertex + index);
 }
 
-// Whether a triangle may cover a pixel centre, at a fraction of what set-up costs: most triangles of a mesh that is far
-// away do not. Never false of one that does, or that is to be clipped or dropped.
-__device__ __forceinline__ bool may_show(const Viewport& view, const Vertex v[3]) {
-  if ((v[0].flags | v[1].flags | v[2].flags) & ~kScreenMask) return true;
-  const int32_t x[3] = {v[0].x, v[1].x, v[2].x}, y[3] = {v[0].y, v[1].y, v[2].y};
-  const PixelBox box = pixel_box(x, y, view);
-  return box.x0 < box.x1 && box.y0 < box.y1;
-}
-
 // How many triangles are drawn by rows, and how many are not.
 struct Filed {
   int rows, rest;
 };
 
-// Puts the lanes' primitives in their places in shared memory; have: whether this lane has one. kRows: whether any is
-// drawn by rows. By all lanes; ends with a barrier of the warp.
-template <bool kRows>
+// Puts the lanes' primitives in their places in shared memory; have: whether this lane has one. By all lanes; ends with
+// a barrier of the warp.
 __device__ __forceinline__ Filed file(const Primitive& p, int64_t triangle, int32_t view, bool have, int widest,
                                       WarpShared* s) {
-  const bool by_rows = kRows && have && fits_rows(p, widest);
+  const bool by_rows = have && fits_rows(p, widest);
   const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, have && !by_rows);
   if (by_rows) make_row_triangle(p, (uint32_t)triangle, &s->triangle[__popc(rows & lanes_below())]);
   if (have && !by_rows) {
@@ -180,18 +131,17 @@ __device__ __noinline__ Filed file_left(const Frame& f, int32_t view, int count,
   const Primitive p = left.primitive();
   const int32_t t = left.t;
   __syncwarp();
-  return file<true>(p, f.first_triangle + t, view, have, widest, s);
+  return file(p, f.first_triangle + t, view, have, widest, s);
 }
 
 // Clips triangle t of a view and files the parts. By all lanes. Rarely called, so that its registers cost the others
 // nothing.
-template <bool kRows>
 __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_t t, int widest, WarpShared* s) {
   __syncwarp();
   Primitive part;
   const bool have = clip_part(f, view, t, &s->clip, &part);
   __syncwarp();
-  return file<kRows>(part, f.first_triangle + t, view, have, widest, s);
+  return file(part, f.first_triangle + t, view, have, widest, s);
 }
 
 // Notes how many triangles a warp draws by rows, and the pixels of their bboxes. By all lanes.
@@ -218,36 +168,6 @@ __device__ __forceinline__ bool are_uneven(const int (&boxes)[kWarps]) {
   return most > kMuch && most > 2 * (all / kWarps);
 }
 
-// Tests triangles, 32 at a time, until 32 wait that may show or `end` is reached. Returns how many a warp is to draw
-// next: those from s->waiting on in the list, taken from its end, so that none has to move. By all lanes; ends with a
-// barrier of the warp.
-__device__ __forceinline__ int find_waiting(const Frame& f, const Vertex* projected, int32_t end, Search* s) {
-  int32_t next = s->next, waiting = s->waiting;
-  bool test = s->test;
-  while (__any_sync(kAllLanes, waiting < kWarp && next < end)) {
-    bool may = next + lane_id() < end;
-    if (may && test) {
-      Vertex v[3];
-      projected_corners(f, projected, next + lane_id(), v);
-      may = may_show(f.view, v);
-    }
-    const unsigned all = __ballot_sync(kAllLanes, may);
-    if (may) s->list[waiting + __popc(all & lanes_below())] = next + lane_id();
-    waiting += __popc(all);
-    test = __popc(all) < kMostlyShown;
-    next += min_of(kWarp, end - next);
-  }
-  const int count = min_of(waiting, kWarp);
-  __syncwarp();
-  if (lane_id() == 0) {
-    s->next = next;
-    s->waiting = waiting - count;
-    s->test = test;
-  }
-  __syncwarp();
-  return count;
-}
-
 // Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
 // warp 0, whose memory is in use.
 template <int kWarps>
@@ -264,8 +184,7 @@ __device__ __forceinline__ unsigned clips_of(unsigned all, int warp) {
 template <Way kWay, class Rest>
 __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected, int widest,
                                            ShareShared<kWay>* shared, const Rest& rest) {
-  constexpr bool kTogether = kWay == Way::kTogether, kRows = kWay != Way::kQueued;
-  constexpr bool kInParts = kWay == Way::kTested || kWay == Way::kQueued;
+  constexpr bool kTogether = kWay == Way::kTogether;
   constexpr int kWarps = block_warps(kWay);
   const int warp = computed_here((int)(threadIdx.x / kWarp));
   WarpShared* const s = &shared->warp[warp];
@@ -277,7 +196,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   int64_t* const pixels = pixels_of(f, share.view);
   const Vertex* const own_projected = projected ? projected + first_vertex : nullptr;  // of the view
   // This warp's triangles, [begin, end), where they are a part of the list.
-  const int32_t before = kInParts ? min_of(warp * share.step, share.count) : 0;
+  const int32_t before = kWay == Way::kTested ? min_of(warp * share.step, share.count) : 0;
   const int32_t begin = share.first + before, end = begin + min_of(share.step, share.count - before);
   if (kTogether) {
     // Each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of warp 0
@@ -285,7 +204,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     make_corners(f, first_vertex, share.first, share.step, share.count, shared->warp[1].corners);
     __syncthreads();
   }
-  if (kWay == Way::kTested) search->begin(begin);
+  if (kWay == Way::kTested) search->begin(begin, true);
 #pragma unroll 1
   do {
     int32_t t = kTogether ? share.first + lane_id() * share.step : begin + lane_id();
@@ -323,14 +242,14 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
       if (dropped) count_dropped(f, share.view, dropped);
       const bool have = fate == Fate::kWhole;
-      const bool small = kRows && !kTogether && have && is_small(p);
-      if (kRows && !kTogether && __popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
+      const bool small = !kTogether && have && is_small(p);
+      if (!kTogether && __popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
         const unsigned left = __ballot_sync(kAllLanes, have && !small);
         if (have && !small) s->left[__popc(left & lanes_below())].put(p, t);
         draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
         if (left) filed = file_left(f, share.view, __popc(left), widest, s);
       } else if (__any_sync(kAllLanes, have)) {
-        filed = file<kRows>(p, f.first_triangle + t, share.view, have, widest, s);
+        filed = file(p, f.first_triangle + t, share.view, have, widest, s);
       }
     }
     // This warp draws triangles of warps owner, ..., owners - 1, and of their rows 32 at first, first + step, ...
@@ -365,7 +284,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
 #pragma unroll 1
       do {
         const int count = shared_rows ? shared->row_counts[owner] : filed.rows;
-        if (!kRows || count == 0) continue;
+        if (count == 0) continue;
         const int rows = draw_rows(pixels, f.view.width, shared->warp[owner].triangle, count, first, step, &s->rows);
         // The next warp's rows go on where these end.
         if (kWay == Way::kEven && shared_rows)
@@ -379,7 +298,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       if (kWay == Way::kEven && shared_rows) __syncthreads();
       if (!clip) break;
       const int number = __ffs(clip) - 1;
-      filed = clip_and_file<kRows>(
+      filed = clip_and_file(
           f, share.view, kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), widest, s);
       clip &= clip - 1;
       shared_rows = false;

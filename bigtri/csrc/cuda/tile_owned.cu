@@ -18,6 +18,7 @@ constexpr int64_t kTileSizes[] = {16, 32, 64, -1};
 #define BIGTRI_LIST(X)        \
   BIGTRI_BLOCKS_PARAMETER(X)  \
   BIGTRI_QUEUE_PARAMETER(X)   \
+  BIGTRI_SEARCH_PARAMETER(X)  \
   BIGTRI_EARLY_Z_PARAMETER(X) \
   X(tile, "px", "of the tiles by which entries are grouped", 16, 16, 64, kTileSizes)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
@@ -28,6 +29,7 @@ constexpr int64_t kEntriesEach = 16;  // room for entries, for each record that 
 struct Tiles {
   enum Counter { kRecordCount, kEntryCount, kCounters };
 
+  SetUp set_up;
   Record* records;
   uint64_t* counters;
   uint32_t* sizes;  // of each tile: entries counted
@@ -43,6 +45,7 @@ struct Tiles {
 
 Tiles take_tiles(Scratch* scratch, const Frame& f, const Values& v) {
   Tiles t;
+  t.set_up = take_set_up(scratch, f, v.search);
   t.tile = (int)v.tile;
   t.columns = (f.view.width + t.tile - 1) / t.tile;
   t.count = t.columns * ((f.view.height + t.tile - 1) / t.tile);
@@ -136,8 +139,8 @@ cudaError_t draw_view(const Frame& f, const Values& v, const Tiles& t, cudaStrea
   int filling, drawing;
   BIGTRI_CUDA(blocks_for(fill_ranges, kThreads, 0, (f.count + kWarps - 1) / kWarps, v.blocks, &filling));
   BIGTRI_CUDA(blocks_for(draw_regions, kThreads, 0, (regions + kWarps - 1) / kWarps, v.blocks, &drawing));
-  BIGTRI_CUDA(launch_clear(f, nullptr, Zeros::of(t.counters, Tiles::kCounters + t.count), stream));
-  BIGTRI_CUDA(launch_set_up(f, t, stream));
+  BIGTRI_CUDA(launch_clear(f, t.set_up.projected, Zeros::of(t.counters, Tiles::kCounters + t.count), stream));
+  BIGTRI_CUDA(launch_set_up(f, t, v.search, stream));
   BIGTRI_CUDA(launch_next(place_ranges, grid_blocks(t.count, kThreads), kThreads, 0, stream, t));
   BIGTRI_CUDA(launch_next(fill_ranges, filling, kThreads, 0, stream, f, t));
   return launch_next(draw_regions, drawing, kThreads, 0, stream, f, t, v.early_z != 0);

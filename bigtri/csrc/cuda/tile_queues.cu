@@ -17,6 +17,7 @@ namespace {
 #define BIGTRI_LIST(X)       \
   BIGTRI_BLOCKS_PARAMETER(X) \
   BIGTRI_QUEUE_PARAMETER(X)  \
+  BIGTRI_SEARCH_PARAMETER(X) \
   BIGTRI_ROOM_PARAMETER(X)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
@@ -113,14 +114,14 @@ __global__ void __launch_bounds__(kThreads)
 }
 
 BinQueues take(Scratch* scratch, const Frame& f, const Values& v) {
-  return take_bin_queues(scratch, f, v.queue, v.room, kWideBin);
+  return take_bin_queues(scratch, f, v.queue, v.room, v.search, kWideBin);
 }
 
 cudaError_t draw_view(const Frame& f, const Values& v, const BinQueues& q, cudaStream_t stream) {
   int blocks;
   BIGTRI_CUDA(blocks_for(draw_bins, kThreads, 0, q.count, v.blocks, &blocks));
-  BIGTRI_CUDA(launch_clear(f, nullptr, q.zeros(), stream));
-  BIGTRI_CUDA(launch_set_up(f, q, stream));
+  BIGTRI_CUDA(launch_clear(f, q.set_up.projected, q.zeros(), stream));
+  BIGTRI_CUDA(launch_set_up(f, q, v.search, stream));
   BIGTRI_CUDA(launch_next(draw_bins, blocks, kThreads, 0, stream, f, q));
   return launch_depth(f, v.blocks, stream);
 }

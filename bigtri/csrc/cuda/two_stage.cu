@@ -7,6 +7,7 @@
 #include "depth_image.h"
 #include "pairs.cuh"
 #include "parameters.h"
+#include "queued.cuh"
 #include "share.cuh"
 
 namespace bigtri {
@@ -26,69 +27,70 @@ constexpr bool kHasRows = Rung::kBinOwned;
 static_assert(!kHasRows || (!kFloatCoverage && !Rung::kWideEdges && !Rung::kWraps),
               "what is drawn by rows has the rung's bits");
 
-struct Queue : PairQueue {
-  Vertex* projected;
-};
+// What `share` says, as the parameter `search` of variants whose warps set up by themselves.
+int64_t search_of(const Values& v) { return v.share == 0 ? 0 : v.share == kOfTested ? kSearched : kWarp; }
 
-Queue take_queue(Scratch* scratch, const Frame& f, const Values& v) {
-  Queue q;
-  static_cast<PairQueue&>(q) = take_pairs(scratch, f, v.queue);
-  q.projected = take_projected(scratch, f, way_of(v.share) == Way::kTested);
-  return q;
+PairQueue take(Scratch* scratch, const Frame& f, const Values& v) {
+  return take_pairs(scratch, f, v.queue, search_of(v));
 }
 
 constexpr int kThreads = 256;
 
 template <Way kWay>
 __global__ void __launch_bounds__(block_threads(kWay), blocks_held(kWay))
-    set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ Queue q,
+    set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ PairQueue q,
                        const __grid_constant__ Sharing s, int widest) {
   __shared__ ShareShared<kWay> shared;
   let_next_begin();
-  draw_share<kWay>(f, s, q.projected, widest, &shared,
+  draw_share<kWay>(f, s, q.set_up.projected, widest, &shared,
                    [&](int32_t, const Record* records, int count) { queue_or_draw(f, q, records, count); });
 }
 
 __global__ void __launch_bounds__(kThreads)
-    draw_pairs(const __grid_constant__ Frame f, const __grid_constant__ Queue q) {
+    draw_pairs(const __grid_constant__ Frame f, const __grid_constant__ PairQueue q) {
   let_next_begin();
   wait_for_previous();
   each_pair(q, [&](const Record& r, int bin_x, int bin_y) { warp_draw_bin(f.packed, f.view.width, r, bin_x, bin_y); });
 }
 
+// The clear, and the kernel that draws what fits by rows.
+template <bool kRows>
+cudaError_t launch_rows(const Frame& f, const Values& v, PairQueue q, cudaStream_t stream) {
+  if constexpr (kRows) {
+    Sharing sharing;
+    int64_t blocks;
+    BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kEven>, f, q.set_up.projected, v.share, nullptr, &sharing,
+                                &blocks, stream));
+    const Way way = way_of(sharing.each);
+    if (way == Way::kTogether) q.set_up.projected = nullptr;  // blocks project corners while the image is cleared
+    BIGTRI_CUDA(launch_clear(f, q.set_up.projected, q.zeros(), stream));
+    if (f.count > 0)
+      BIGTRI_CUDA(with_way(way, [&](auto of) {
+        return launch_next(set_up_and_enqueue<of.value>, blocks, block_threads(of.value), 0, stream, f, q, sharing,
+                           widest_rows(f, way, v.widest));
+      }));
+  }
+  return cudaSuccess;
+}
+
 // kRows: whether the rung has the kernels that draw by rows.
 template <bool kRows>
-cudaError_t draw_view(const Frame& f, const Values& v, Queue q, cudaStream_t stream) {
-  Sharing sharing;
-  int64_t set_up_blocks;
-  Way way = Way::kQueued;
-  if constexpr (kRows)
-    if (v.rows) {
-      BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kEven>, f, q.projected, v.share, nullptr, &sharing,
-                                  &set_up_blocks, stream));
-      way = way_of(sharing.each);
-    }
-  if (way == Way::kQueued)
-    BIGTRI_CUDA(share_queued(set_up_and_enqueue<Way::kQueued>, f, v.share, &sharing, &set_up_blocks));
-  if (way == Way::kTogether) q.projected = nullptr;  // blocks project corners while the image is cleared
-  BIGTRI_CUDA(launch_clear(f, q.projected, q.zeros(), stream));
+cudaError_t draw_view(const Frame& f, const Values& v, const PairQueue& q, cudaStream_t stream) {
+  if (kRows && v.rows) {
+    BIGTRI_CUDA(launch_rows<kRows>(f, v, q, stream));
+  } else {
+    BIGTRI_CUDA(launch_clear(f, q.set_up.projected, q.zeros(), stream));
+    if (f.count > 0) BIGTRI_CUDA(launch_set_up(f, q, search_of(v), stream));
+  }
   if (f.count > 0) {
     int blocks;
-    const int widest = widest_rows(f, way, v.widest);
-    const auto set_up = [&](auto of) {
-      return launch_next(set_up_and_enqueue<of.value>, set_up_blocks, block_threads(of.value), 0, stream, f, q, sharing,
-                         widest);
-    };
-    if (way == Way::kQueued) BIGTRI_CUDA(set_up(WayOf<Way::kQueued>()));
-    if constexpr (kRows)
-      if (way != Way::kQueued) BIGTRI_CUDA(with_way(way, set_up));
     BIGTRI_CUDA(blocks_for(draw_pairs, kThreads, 0, INT32_MAX, v.blocks, &blocks));
     BIGTRI_CUDA(launch_next(draw_pairs, blocks, kThreads, 0, stream, f, q));
   }
   return launch_depth(f, v.blocks, stream);
 }
 
-using Drawn = ViewByView<Values, take_queue, draw_view<kHasRows>>;
+using Drawn = ViewByView<Values, take, draw_view<kHasRows>>;
 
 }  // namespace
 

@@ -17,7 +17,6 @@ enum class Way {
   // far more to draw than they
   kApart,  // the same, and none helps
   kTested,  // each warp tests many, and draws those that may show, 32 at a time
-  kQueued,  // each warp sets up its own, 32 at most, and draws none: all are left to the caller
 };
 
 // Warps of a block. A block's place is free for the next one only when its last warp is done, so that warps that do not
@@ -27,10 +26,10 @@ BIGTRI_HD constexpr int block_threads(Way way) { return block_warps(way) * kWarp
 // Blocks that a multiprocessor ought to hold.
 BIGTRI_HD constexpr int blocks_held(Way way) { return 32 / block_warps(way); }
 
-constexpr int kMostBatches = 8;  // of 32 triangles, that a warp tests
+constexpr int kSearched = 8 * kWarp;  // triangles of a warp that tests them
 // Triangles of a block, which say what way it goes: up to kWarp together.
 constexpr int kOfEven = block_threads(Way::kEven), kOfApart = block_threads(Way::kApart),
-              kOfTested = kMostBatches * block_threads(Way::kTested), kOfQueued = block_threads(Way::kQueued);
+              kOfTested = block_warps(Way::kTested) * kSearched;
 constexpr int64_t kShares[] = {0, 4, 8, 16, kWarp, kOfApart, kOfEven, kOfTested, -1};
 constexpr Way way_of(int64_t each) {
   return each <= kWarp ? Way::kTogether : each == kOfEven ? Way::kEven : each == kOfApart ? Way::kApart : Way::kTested;
@@ -55,12 +54,17 @@ constexpr int64_t kTurns = 4;
 // some may be large, which a warp had better not draw alone.
 constexpr int64_t kMostTogether = 112;
 
+// Whether most triangles cover no pixel, so that testing them first pays, if vertices are projected once.
+inline bool shows_few(const Frame& f, int64_t resident) {
+  return pixels_each(f) <= kTinyPixels && triangles_of_all(f) > resident * kOfEven * kTurns;
+}
+
 // Triangles of a block such that there are blocks for a device that holds so many of kEven's warps at once. projected:
 // whether there is memory for the vertices, which testing needs.
 inline int share_size(const Frame& f, int64_t resident, bool projected) {
   const int64_t total = triangles_of_all(f);
   const double pixels = pixels_each(f);
-  if (projected && pixels <= kTinyPixels && total > resident * kOfEven * kTurns) return kOfTested;
+  if (projected && shows_few(f, resident)) return kOfTested;
   // Warps need no help where all triangles are small, or where blocks take turns, which evens out what they have to do.
   if (pixels < kSmallPixels) {
     if (total > resident * kMostTogether) return kOfApart;
@@ -111,25 +115,12 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   return cudaSuccess;
 }
 
-// The same for kQueued: no more triangles for a warp than leave another one of the device without any. kernel: its own.
-template <class Kernel>
-cudaError_t share_queued(Kernel kernel, const Frame& f, int64_t each, Sharing* s, int64_t* blocks) {
-  int resident;
-  BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), block_threads(Way::kQueued), 0, &resident));
-  s->each = each > 0 ? (int)min_of<int64_t>(each, kOfQueued) : block_warps(Way::kQueued);
-  while (each == 0 && s->each < kOfQueued && f.count > (int64_t)resident * s->each) s->each *= 2;
-  s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
-  s->ranges = nullptr;
-  *blocks = max_of<int64_t>(1, s->blocks);
-  return cudaSuccess;
-}
-
 template <Way kWay>
 struct WayOf {
   static constexpr Way value = kWay;
 };
 
-// Calls launch(WayOf<the way>()), for the instance of a kernel; of the ways that draw.
+// Calls launch(WayOf<the way>()), for the instance of a kernel.
 template <class Launch>
 cudaError_t with_way(Way way, const Launch& launch) {
   switch (way) {
@@ -141,8 +132,8 @@ cudaError_t with_way(Way way, const Launch& launch) {
 }
 
 // A block's share of a view's triangles. Together: first, first + step, ..., `count` of them. Even and apart: groups of
-// neighbours that begin at first, first + step, ..., as far as `count` reaches from the first triangle. Tested and queued:
-// parts for each warp that begin so, each of triangles in a row, as far as `count` reaches.
+// neighbours that begin at first, first + step, ..., as far as `count` reaches from the first triangle. Tested: parts for
+// each warp that begin so, each of triangles in a row, as far as `count` reaches.
 struct Share {
   int32_t view, first, step, count;
 };
