@@ -92,7 +92,7 @@ def draw(
         seen: packed int64 and depth float32 [B, samples * H, samples * W] to write, or None.
         arithmetic: the rung to draw with.
         backend: "reference" or "native"; the bits are the same.
-        fills: whether triangles probably touch most of the picture. On CUDA a large picture is then looked at as a whole, not only
+        fills: whether triangles probably touch most of the picture. On CUDA all of a large picture is then looked at, not only
             where triangles may be; the bits are the same.
 
     Returns:
