@@ -188,17 +188,19 @@ PATHS = (
     Way("bin_owned", "share 256", {"few": 0, "share": 256}),
     Way("bin_owned", "share 1024", {"few": 0, "share": 1024}),
 )
-# Beside them what else bin_owned chooses by the scene: how few triangles are drawn together, which triangles wait, and the
-# warps of the blocks that draw these. A choice that it may have made itself is here too, so that another one would be compared
-# with it. How many neighbours a block gets goes with its triangles and is no parameter: docs/cuda_tried.md compares them.
+# Beside them what else bin_owned chooses by the scene: the blocks of few triangles, how few triangles are drawn together, and
+# which triangles wait. A choice that it may have made itself is here too, so that another one would be compared with it. How
+# many neighbours a block gets goes with its triangles and is no parameter: docs/cuda_tried.md compares them.
 SETTINGS = (
     *PATHS,
+    *(
+        Way("bin_owned", f"few, {warps} warps, {region} px", {"few": EVERY, "warps": warps, "region": region}, 16 * warps)
+        for warps in (8, 16)
+        for region in (4, 8, 16)
+    ),
     Way("bin_owned", "share 8", {"few": 0, "share": 8}),
     Way("bin_owned", "rows, 64 px", {"few": 0, "widest": 64}),
     Way("bin_owned", "rows, 256 px", {"few": 0, "widest": 256}),
-    Way("bin_owned", "rows, 4 warps", {"few": 0, "warps": 4}),
-    Way("bin_owned", "rows, 8 warps", {"few": 0, "warps": 8}),
-    Way("bin_owned", "rows, 16 warps", {"few": 0, "warps": 16}),
 )
 
 

@@ -37,13 +37,14 @@ PATHS: dict[str, dict[str, int]] = {
     "apart": {"few": 0, "share": 128},
     "tested": {"few": 0, "share": 1024},
     "entries 1": {"few": 65536, "entries": 1},
-    "rows, entries 1, 4 warps": {"few": 0, "widest": 8, "entries": 1, "warps": 4},
-    "4 warps": {"few": 65536, "warps": 4},
-    "8 warps": {"few": 65536, "warps": 8},
-    "16 warps": {"few": 65536, "warps": 16},
+    "rows, entries 1": {"few": 0, "widest": 8, "entries": 1},
+    "8 warps, 4 px": {"few": 65536, "warps": 8, "region": 4},
+    "8 warps, 8 px": {"few": 65536, "warps": 8, "region": 8},
+    "16 warps, 8 px": {"few": 65536, "warps": 16, "region": 8},
+    "16 warps, 16 px": {"few": 65536, "warps": 16, "region": 16},
     "one block": {"few": 65536, "blocks": 1},
 }
-QUICK = ("few", "16 warps", "rows", "rows, queue 1", "even", "apart", "tested", "entries 1")
+QUICK = ("few", "16 warps, 16 px", "rows", "rows, queue 1", "even", "apart", "tested", "entries 1")
 CULLS = ("none", "back")
 
 

@@ -27,8 +27,8 @@ EVERY = 65536  # a bound on few triangles that no case has more of
 PATHS: dict[str, dict[str, int]] = {
     "default": {},
     "few": {"few": EVERY},
-    "few warps": {"few": EVERY, "warps": 4},
-    "many warps": {"few": EVERY, "warps": 16},
+    "many warps": {"few": EVERY, "warps": 16, "region": 8},
+    "high regions": {"few": EVERY, "region": 16},
     "rows": {"few": 0},
     "narrow": {"few": 0, "widest": 20},
     "even": {"few": 0, "share": 256},

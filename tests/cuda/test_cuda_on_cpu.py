@@ -233,8 +233,8 @@ def test_frames_that_launch_the_same_kernels() -> None:
     """The first one's are launched one by one, later ones by one of four graphs, of which only what differs is set."""
     library = cuda_on_cpu.kernels()
     jobs = [
-        job(case_of(name), "bin_owned", {"few": 0, "share": 8, "warps": warps})
-        for warps in (4, 8)
+        job(case_of(name), "bin_owned", {"few": 0, "share": share})
+        for share in (8, 128)
         for name in ("mixed", "crowded", "clipped_fans")
     ]
 

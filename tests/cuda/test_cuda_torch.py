@@ -248,7 +248,7 @@ def test_graph(name, variant, path):
         seen.dropped.fill_(77)
         graph.replay()
         assert_same(wanted[turn], seen, turn)
-        with native.using_parameters(warps=4, blocks=3):
+        with native.using_parameters(warps=16, blocks=3):
             assert_same(wanted[turn], bigtri.rasterize(static, triangles, resolution, variant=variant), turn)
     for _ in range(20):
         graph.replay()

@@ -18,21 +18,26 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int64_t kMostKept = 1 << 16;
-constexpr int64_t kWarpsAllowed[] = {0, 4, 8, kMostWarps, -1};
-#define BIGTRI_LIST(X)                                                                                              \
-  X(few, "triangles",                                                                                               \
-    "up to so many, and 16 for each warp of a block, every block sets up all of them by itself; up to 256 only in " \
-    "an image that has many pixels for each",                                                                       \
-    kFewTriangles, 0, kMostKept)                                                                                    \
-  X(warps, "warps",                                                                                                 \
-    "of a block that owns a patch of 64 px by 4 px a warp; 0: 16 for 129 and more that are few, else 8", 0, 0,      \
-    kMostWarps, kWarpsAllowed)                                                                                      \
-  BIGTRI_BLOCKS_PARAMETER(X)                                                                                        \
-  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,           \
-    kMostEntries)                                                                                                   \
-  BIGTRI_QUEUE_PARAMETER(X)                                                                                         \
-  BIGTRI_WIDEST_PARAMETER(X)                                                                                        \
-  BIGTRI_SHARE_PARAMETER(X)                                                                                         \
+constexpr int64_t kWarpsAllowed[] = {0, 8, kMostWarps, -1};
+constexpr int64_t kRegionsAllowed[] = {0, 4, 8, kRegion, -1};
+#define BIGTRI_LIST(X)                                                                                                \
+  X(few, "triangles",                                                                                                 \
+    "up to so many, and 16 for each warp of a block, every block sets up all of them by itself; up to 256 only in "   \
+    "an image that has many pixels for each",                                                                         \
+    kFewTriangles, 0, kMostKept)                                                                                      \
+  X(warps, "warps",                                                                                                   \
+    "of a block, where triangles are few: four regions of its patch side by side; 0: 8 for up to 128, else 16", 0, 0, \
+    kMostWarps, kWarpsAllowed)                                                                                        \
+  X(region, "px",                                                                                                     \
+    "rows of a warp's 16 px wide region, where triangles are few; 0: 4 in images of up to 2^17 px, 8 up to 2^20, "    \
+    "else 16",                                                                                                        \
+    0, 0, kRegion, kRegionsAllowed)                                                                                   \
+  BIGTRI_BLOCKS_PARAMETER(X)                                                                                          \
+  X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,             \
+    kMostEntries)                                                                                                     \
+  BIGTRI_QUEUE_PARAMETER(X)                                                                                           \
+  BIGTRI_WIDEST_PARAMETER(X)                                                                                          \
+  BIGTRI_SHARE_PARAMETER(X)                                                                                           \
   X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
@@ -43,14 +48,12 @@ BIGTRI_PARAMETERS(BIGTRI_LIST)
 constexpr int most_few(int warps) { return 16 * warps; }
 
 // Shared memory of a block that sets up all triangles itself.
-template <int kWarps>
+template <class P>
 struct FewShared {
-  static constexpr int kMost = most_few(kWarps),
-                       kRecords =
-                           kMost +
-                           3 * kWarps;  // triangles; records at a time, the parts of clipped triangles among them
+  static constexpr int kWarps = P::kWarps, kMost = most_few(kWarps);  // triangles
+  static constexpr int kRecords = kMost + 3 * kWarps;  // at a time, the parts of clipped triangles among them
   union {
-    PatchShared<kWarps> patch;  // has to come first
+    PatchShared<P> patch;  // has to come first
     Vertex corners[3 * kMost];  // all vertices, or three for each triangle
     ClipScratch clip[kWarps / 2];
   };
@@ -63,23 +66,23 @@ struct FewShared {
   int round;
   __device__ FewShared() {}
 };
-static_assert(FewShared<4>::kRecords >= kMaxSubTriangles, "a round clips one triangle at least");
-static_assert(3 * FewShared<kMostWarps>::kMost * sizeof(Vertex) <= sizeof(PatchShared<kMostWarps>::entries) &&
-                  sizeof(FewShared<kMostWarps>::clip) <= sizeof(PatchShared<kMostWarps>::entries),
-              "begin_turn writes behind what set-up uses");
-static_assert(sizeof(FewShared<kMostWarps>) <= 64 * 1024, "as much as a block can have on all devices");
 
 // Sets up the triangles; returns how many were dropped. Where float64 is slow, patches make planes by pairs, and records
 // have none. By all threads.
-template <int kWarps>
-__device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) {
-  constexpr int kThreads = kWarps * kWarp;
+template <class P>
+__device__ __forceinline__ int set_up_few(const Frame& f, FewShared<P>* s) {
+  constexpr int kThreads = P::kThreads;
+  static_assert(FewShared<P>::kRecords >= kMaxSubTriangles, "a round clips one triangle at least");
+  static_assert(3 * FewShared<P>::kMost * sizeof(Vertex) <= sizeof(PatchShared<P>::entries) &&
+                    sizeof(FewShared<P>::clip) <= sizeof(PatchShared<P>::entries),
+                "begin_turn writes behind what set-up uses");
+  static_assert(sizeof(FewShared<P>) <= 64 * 1024, "as much as a block can have on all devices");
   const int t = threadIdx.x;
   int32_t corner[3];  // where the thread's triangle has its own
   const bool valid = t < f.count && load_indices(f, t, corner);
-  if (f.vertices <= 3 * FewShared<kWarps>::kMost) {  // all vertices, each once, and without waiting for the indices
+  if (f.vertices <= 3 * FewShared<P>::kMost) {  // all vertices, each once, and without waiting for the indices
     constexpr int kEach = 2;
-    static_assert(kEach * kThreads >= 3 * FewShared<kWarps>::kMost, "all of them");
+    static_assert(kEach * kThreads >= 3 * FewShared<P>::kMost, "all of them");
     project_vertices<kEach>(f, t, kThreads, f.vertices, [&](const Vertex& p, int64_t i) { s->corners[i] = p; });
   } else {
     project_corners(f, s->corners, t, kThreads);
@@ -90,7 +93,7 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) 
     s->round = 0;
     s->patch.begin(f.count, false);
   }
-  begin_turn<kWarps, false>(f, blockIdx.x);
+  begin_turn<P, false>(f, blockIdx.x);
   __syncthreads();
   Fate fate = t < f.count ? Fate::kDropped : Fate::kNothing;
   if (t < f.count) s->boxes[t] = kNoBox;
@@ -109,14 +112,15 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<kWarps>* s) 
 
 // Clips what waits in round `round`, a triangle a warp, and puts the parts behind the whole triangles, in later rounds
 // where these were. Those that find no room wait for the next round. By all threads.
-template <int kWarps>
-__device__ __noinline__ void clip_few(const Frame& f, FewShared<kWarps>* s, int round) {
+template <class P>
+__device__ __noinline__ void clip_few(const Frame& f, FewShared<P>* s, int round) {
+  constexpr int kWarps = P::kWarps;
   const int warp = threadIdx.x / kWarp, now = round & 1, later = now ^ 1, count = s->waiting_count[now];
   __syncthreads();
   if (threadIdx.x == 0) {
     s->round = round;
     s->record_count = round > 0 ? 0 : f.count;
-    s->record_end = FewShared<kWarps>::kRecords;
+    s->record_end = FewShared<P>::kRecords;
     s->waiting_count[later] = 0;
   }
   __syncthreads();
@@ -129,7 +133,7 @@ __device__ __noinline__ void clip_few(const Frame& f, FewShared<kWarps>* s, int 
       int at = 0;
       if (lane_id() == 0) at = atomicAdd(&s->record_count, __popc(all));
       at = __shfl_sync(kAllLanes, at, 0);
-      if (at + __popc(all) > FewShared<kWarps>::kRecords) {  // all parts or none
+      if (at + __popc(all) > FewShared<P>::kRecords) {  // all parts or none
         if (lane_id() == 0) {
           atomicMin(&s->record_end, at);
           s->waiting[later][atomicAdd(&s->waiting_count[later], 1)] = (uint16_t)triangle;
@@ -143,32 +147,31 @@ __device__ __noinline__ void clip_few(const Frame& f, FewShared<kWarps>* s, int 
     }
   __syncthreads();
   if (threadIdx.x == 0) s->patch.begin(min_of(s->record_count, s->record_end), round > 0);
-  begin_turn<kWarps, false>(f, blockIdx.x);
+  begin_turn<P, false>(f, blockIdx.x);
   __syncthreads();
 }
 
-template <int kWarps>
-__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps) draw_few(const __grid_constant__ Frame f, int room) {
+template <class P>
+__global__ void __launch_bounds__(P::kThreads, 32 / P::kWarps) draw_few(const __grid_constant__ Frame f, int room) {
   extern __shared__ __align__(16) char memory[];
-  FewShared<kWarps>* const s = reinterpret_cast<FewShared<kWarps>*>(memory);
+  FewShared<P>* const s = reinterpret_cast<FewShared<P>*>(memory);
   const int dropped = set_up_few(f, s);
   if (blockIdx.x == 0 && threadIdx.x == 0) *f.dropped = dropped;
   if (s->waiting_count[0] > 0) clip_few(f, s, 0);
 #pragma unroll 1
   for (;;) {
-    draw_patches<kWarps>(f, Candidates{s->records, s->boxes}, room);
+    draw_patches<P>(f, Candidates{s->records, s->boxes}, room);
     const int round = reread(s->round) + 1;
     if (s->waiting_count[round & 1] == 0) return;
     clip_few(f, s, round);
   }
 }
 
-template <int kWarps>
+template <class P>
 cudaError_t launch_few(const Frame& f, const Values& v, cudaStream_t stream) {
   int blocks;
-  BIGTRI_CUDA(blocks_for(draw_few<kWarps>, kWarps * kWarp, sizeof(FewShared<kWarps>), Patch<kWarps>::count(f.view),
-                         v.blocks, &blocks));
-  return launch_first(draw_few<kWarps>, blocks, kWarps * kWarp, sizeof(FewShared<kWarps>), stream, f, (int)v.entries);
+  BIGTRI_CUDA(blocks_for(draw_few<P>, P::kThreads, sizeof(FewShared<P>), P::count(f.view), v.blocks, &blocks));
+  return launch_first(draw_few<P>, blocks, P::kThreads, sizeof(FewShared<P>), stream, f, (int)v.entries);
 }
 
 // --- rows
@@ -226,25 +229,28 @@ __global__ void __launch_bounds__(block_threads(kWay), blocks_held(kWay))
   });
 }
 
+// Most of what waits is slivers and few large triangles: small blocks share it better.
+using WaitingPatch = Patch<8, kRegion / 4>;
+
 // Draws what waits: blocks their patches of all views, from the lists, and slivers.
-template <int kWarps>
-__global__ void __launch_bounds__(kWarps* kWarp, 32 / kWarps)
+__global__ void __launch_bounds__(WaitingPatch::kThreads, 32 / WaitingPatch::kWarps)
     draw_waiting(const __grid_constant__ Frame f, const __grid_constant__ Waiting w, int room) {
   __shared__ SliverShared shared;
-  begin_turn<kWarps, true>(f, blockIdx.x);
+  begin_turn<WaitingPatch, true>(f, blockIdx.x);
   wait_for_previous();
   let_next_begin();
   const uint64_t count = *w.count();
+  uint64_t slivers = *w.sliver_count();
+  if ((count | slivers) == 0) return;  // as in most frames: known after one wait for memory instead of two
   if (count > 0) {
-    if (threadIdx.x == 0) patch_shared<kWarps>()->begin((int)*w.common_count(), true);
+    if (threadIdx.x == 0) patch_shared<WaitingPatch>()->begin((int)*w.common_count(), true);
     __syncthreads();
-    draw_patches<kWarps>(f, ListedCandidates(w, count > w.common_below), room);
+    draw_patches<WaitingPatch>(f, ListedCandidates(w, count > w.common_below), room);
+    slivers = reread(*w.sliver_count());  // no register keeps it while patches are drawn
   }
-  draw_slivers(
-      f, w.slivers, (int)min_of<uint64_t>(*w.sliver_count(), w.room), w.bands, [](int) { return true; }, &shared);
+  draw_slivers(f, w.slivers, (int)min_of<uint64_t>(slivers, w.room), w.bands, [](int) { return true; }, &shared);
 }
 
-template <int kWarps>
 cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   Rows r = take_rows(&scratch, f, v);
@@ -259,34 +265,45 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);
   }));
+  constexpr int kThreads = WaitingPatch::kThreads, kBytes = sizeof(PatchShared<WaitingPatch>);
   int for_patches;
-  BIGTRI_CUDA(blocks_for(draw_waiting<kWarps>, kWarps * kWarp, sizeof(PatchShared<kWarps>),
-                         (int64_t)Patch<kWarps>::count(f.view) * f.views, v.blocks, &for_patches));
-  BIGTRI_CUDA(launch_next(draw_waiting<kWarps>, for_patches, kWarps * kWarp, sizeof(PatchShared<kWarps>), stream, f,
-                          r.waiting, (int)v.entries));
+  BIGTRI_CUDA(blocks_for(draw_waiting, kThreads, kBytes, (int64_t)WaitingPatch::count(f.view) * f.views, v.blocks,
+                         &for_patches));
+  BIGTRI_CUDA(launch_next(draw_waiting, for_patches, kThreads, kBytes, stream, f, r.waiting, (int)v.entries));
   return launch_depth(f, v.blocks, stream);
 }
 
 // ---
 
 // Where triangles are few for the image, they are large, or most of its patches are empty and rows are sooner done: a
-// number says nothing of which. These lose least of both, 2 us at most, where the other choice may lose 30. Rows of more
-// triangles are spread over more blocks, while each block of `few` sets up all of them.
-inline double least_pixels_of_few(int64_t count) { return count <= 32 ? 400 : count <= 128 ? 1000 : 3000; }
+// number says nothing of which. This loses least of both: half of the time at most, where the other choice may take twice
+// as long. Rows of more triangles are spread over more blocks, while each block of `few` sets up all of them.
+constexpr double kLeastPixelsOfFew = 200;
 bool are_few(const Frame& f, const Values& v) {
-  return f.views == 1 && !f.ranges && f.count <= min_of<int64_t>(v.few, most_few(v.warps > 0 ? (int)v.warps : 16)) &&
-         (v.few > kFewTriangles || pixels_each(f) >= least_pixels_of_few(f.count));
+  return f.views == 1 && !f.ranges &&
+         f.count <= min_of<int64_t>(v.few, most_few(v.warps > 0 ? (int)v.warps : kMostWarps)) &&
+         (v.few > kFewTriangles || pixels_each(f) >= kLeastPixelsOfFew);
 }
 
-// The rows' blocks merge what waits, which is mostly slivers and few large triangles: small blocks share it better.
 int warps_of(const Frame& f, const Values& v) {
-  return v.warps > 0 ? (int)v.warps : are_few(f, v) && f.count > most_few(8) ? 16 : 8;
+  return v.warps > 0 ? (int)v.warps : f.count > most_few(8) ? kMostWarps : 8;
+}
+
+// Low regions give a small image enough blocks for the device, and a warp fewer triangles to draw one after the other.
+// With more blocks than the device has multiprocessors it is what all of them do that counts: each sets up all triangles.
+int region_of(const Frame& f, const Values& v) {
+  if (v.region > 0) return (int)v.region;
+  const int64_t pixels = (int64_t)f.view.width * f.view.height;
+  return pixels <= 1 << 17 ? 4 : pixels <= 1 << 20 ? 8 : kRegion;
 }
 
 template <int kWarps>
-cudaError_t launch(const Frame& f, const Values& v, void* scratch, cudaStream_t stream) {
-  if (are_few(f, v)) return launch_few<kWarps>(f, v, stream);
-  return launch_rows<kWarps>(f, v, scratch, stream);
+cudaError_t launch_few_with(const Frame& f, const Values& v, cudaStream_t stream) {
+  switch (region_of(f, v)) {
+    case 4: return launch_few<Patch<kWarps, 1>>(f, v, stream);
+    case 8: return launch_few<Patch<kWarps, 2>>(f, v, stream);
+    default: return launch_few<Patch<kWarps, 4>>(f, v, stream);
+  }
 }
 
 int64_t scratch_bytes(const Frame& f, const int64_t* values) {
@@ -299,11 +316,8 @@ int64_t scratch_bytes(const Frame& f, const int64_t* values) {
 cudaError_t draw(const Frame& f, const int64_t* values, void* scratch, cudaStream_t stream) {
   const Values v = Values::of(values);
   return launch_as_one(stream, [&] {
-    switch (warps_of(f, v)) {
-      case 4: return launch<4>(f, v, scratch, stream);
-      case kMostWarps: return launch<kMostWarps>(f, v, scratch, stream);
-      default: return launch<8>(f, v, scratch, stream);
-    }
+    if (!are_few(f, v)) return launch_rows(f, v, scratch, stream);
+    return warps_of(f, v) == kMostWarps ? launch_few_with<kMostWarps>(f, v, stream) : launch_few_with<8>(f, v, stream);
   });
 }
 

@@ -14,7 +14,7 @@ __device__ __forceinline__ float warp_farthest(float v) { return bits_float(~war
 
 // Counts the lane's pixels that an entry covers.
 __device__ __forceinline__ void count_fragments(const Frame& f, const Region& region, const Entry& e) {
-  for (int n = 0; n < kLanePixels; ++n) {
+  for (int n = 0; n < Region::kPixels; ++n) {
     const int i = (region.lane_left() & (kBin - 1)) + n % 2, j = (region.lane_top() & (kBin - 1)) + n / 2 * 4;
     int32_t outside = 0;
     for (int k = 0; k < 3; ++k) outside |= e.edge[k].f + i * e.edge[k].sx + j * e.edge[k].sy;
@@ -47,7 +47,7 @@ __device__ __forceinline__ void draw_listed(const Frame& f, const Record* record
     for (int k = 0; k < __popc(all); ++k) region->draw(entries[k], entries[k].info & Entry::kEntryFull, false, records);
     if (!early_z || !all) continue;
     float farthest = 0.0f;
-    for (int n = 0; n < kLanePixels; ++n) farthest = max_of(farthest, depth_of(region->best[n]));
+    for (int n = 0; n < Region::kPixels; ++n) farthest = max_of(farthest, depth_of(region->best[n]));
     region->bound = min_of(region->bound, warp_farthest(farthest));
   }
 }

@@ -1,7 +1,7 @@
-// A block owns patches of bins, 64 px wide, and each of its warps a region of each. Candidates are looked at once for a
-// whole patch, a thread each, and for as many patches at once as there are threads. Hidden surfaces are rejected
-// without sorting, per patch and per region: whatever covers an area completely bounds the depth behind which nothing
-// can be seen.
+// A block owns patches of bins, 64 px wide, and each of its warps a region of each: four side by side. Candidates are
+// looked at once for a whole patch, a thread each, and for as many patches at once as there are threads. Hidden surfaces
+// are rejected without sorting, per patch and per region: whatever covers an area completely bounds the depth behind which
+// nothing can be seen.
 #pragma once
 
 #include "region.cuh"
@@ -50,10 +50,13 @@ constexpr int kMostEntries = kEntriesOfWarp * kMostWarps;
 
 constexpr int kTurn = 8;  // patches that a block takes at a time
 
-// kWarps regions of a bin, and what is known of them; 16 bytes, to be read at once.
-template <int kWarps>
+// The regions of a block's warps in a bin, and what is known of them; 16 bytes, to be read at once.
+template <int kBlockWarps, int kLaneRows>
 struct alignas(16) Patch {
-  static constexpr int kRows = kWarps / 4 * kRegion;  // px
+  using Region = RegionOf<kLaneRows>;
+  static constexpr int kWarps = kBlockWarps, kThreads = kWarps * kWarp, kMaxEntries = kEntriesOfWarp * kWarps;
+  static constexpr int kRows = kWarps / 4 * Region::kHeight;  // px
+  static_assert(kBin % kRows == 0, "a patch lies in one bin");
   static constexpr int kNowhere = kBin << 16;  // with no pixel, and in no box
   int left, top;  // px; left: kNowhere behind the last patch
   uint32_t bound;  // bits of the depth behind which nothing of it can be seen
@@ -77,17 +80,17 @@ __device__ __forceinline__ uint32_t this_thread() {
   return i;
 }
 
-// Shared memory of a block that owns patches. What all of its threads know is here too, and read again where it is
+// Shared memory of a block that owns patches P. What all of its threads know is here too, and read again where it is
 // needed: the registers are for drawing, and what spills out of them comes back from far away.
-template <int kWarps>
+template <class P>
 struct PatchShared {
-  static constexpr int kThreads = kWarps * kWarp, kMaxEntries = kEntriesOfWarp * kWarps;
-  PatchEntry entries[kMaxEntries];  // of records in the bin that a patch lies in
+  static constexpr int kThreads = P::kThreads;
+  PatchEntry entries[P::kMaxEntries];  // of records in the bin that a patch lies in
   uint16_t list[kThreads];  // those that can be seen: a part for each patch
   // The threads' next candidates, while those gathered are drawn because there is no room for more; from the last
   // thread to the first, since else the compiler keeps an address.
   int32_t cursor[kThreads];
-  Patch<kWarps> patch[kTurn];
+  P patch[kTurn];
   int view[kTurn];  // of each patch
   int entry_count;  // asked for
   int count;  // candidates that all patches look at
@@ -115,16 +118,17 @@ struct PatchShared {
   }
 };
 
-template <int kWarps>
-__device__ __forceinline__ PatchShared<kWarps>* patch_shared() {
+template <class P>
+__device__ __forceinline__ PatchShared<P>* patch_shared() {
   extern __shared__ __align__(16) char memory[];
-  return reinterpret_cast<PatchShared<kWarps>*>(memory);
+  return reinterpret_cast<PatchShared<P>*>(memory);
 }
 
 enum class Output { kWrite, kMerge };  // alone on the frame, or beside others
 
 // Draws entries into a region: what misses it or lies behind it first falls out, an entry a lane. empty: the region
 // holds nothing yet.
+template <class Region>
 __device__ __forceinline__ void draw_all(Region& region, const PatchEntry* entries, const uint16_t* list, int count,
                                          bool empty, const Record* records) {
   const int x = region.x(), y = region.y();
@@ -135,11 +139,11 @@ __device__ __forceinline__ void draw_all(Region& region, const PatchEntry* entri
       const PatchEntry& e = entries[list[base + lane_id()]];
 #pragma unroll
       for (int k = 0; k < 3; ++k) {
-        keep &= highest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
-        full &= lowest_over(e.edge[k], x, y, kRegion - 1, kRegion - 1) >= 0;
+        keep &= highest_over(e.edge[k], x, y, kRegion - 1, Region::kHeight - 1) >= 0;
+        full &= lowest_over(e.edge[k], x, y, kRegion - 1, Region::kHeight - 1) >= 0;
       }
-      nearest = bound_depth(e, x, y, kRegion - 1, kRegion - 1, false);
-      const float behind = bound_depth(e, x, y, kRegion - 1, kRegion - 1, true);
+      nearest = bound_depth(e, x, y, kRegion - 1, Region::kHeight - 1, false);
+      const float behind = bound_depth(e, x, y, kRegion - 1, Region::kHeight - 1, true);
       farthest = full && !e.far() ? behind : kInfinity;
     }
     region.bound = min_of(
@@ -155,33 +159,33 @@ __device__ __forceinline__ void draw_all(Region& region, const PatchEntry* entri
 }
 
 // The calling warp's region of a patch.
-template <int kWarps>
-__device__ __forceinline__ Region region_of(const Patch<kWarps>& p) {
+template <class P>
+__device__ __forceinline__ typename P::Region region_of(const P& p) {
   const int warp = (int)(this_thread() / kWarp);
-  Region region;
+  typename P::Region region;
   region.left = p.left + (warp & 3) * kRegion;
-  region.top = p.top + (warp >> 2) * kRegion;
+  region.top = p.top + (warp >> 2) * P::Region::kHeight;
   region.bound = bits_float(p.bound);
   return region;
 }
 
 // The block's turn that begins with patch number `first`. By all threads, of which the last warp's do it, for others
 // may have more to do; a barrier has to follow.
-template <int kWarps, bool kViews>
+template <class P, bool kViews>
 __device__ __forceinline__ void begin_turn(const Frame& f, int first) {
-  PatchShared<kWarps>* const s = patch_shared<kWarps>();
-  const int k = (int)this_thread() - (kWarps - 1) * kWarp;
+  PatchShared<P>* const s = patch_shared<P>();
+  const int k = (int)this_thread() - (P::kWarps - 1) * kWarp;
   if (k >= 0 && k < kTurn) {
     int i = first + k * (int)gridDim.x;
     if (kViews) {
-      const int of_view = Patch<kWarps>::count(f.view);
+      const int of_view = P::count(f.view);
       s->view[k] = min_of(i / of_view, f.views - 1);
       i -= s->view[k] * of_view;
     }
-    s->patch[k] = Patch<kWarps>::at(f.view, i);
+    s->patch[k] = P::at(f.view, i);
   }
   if (k == 0) {
-    const int count = Patch<kWarps>::count(f.view) * (kViews ? f.views : 1), turn = kTurn * (int)gridDim.x;
+    const int count = P::count(f.view) * (kViews ? f.views : 1), turn = kTurn * (int)gridDim.x;
     s->next_turn = first + turn;
     s->last_turn = s->next_turn >= count;
     s->patches = s->last_turn ? (count - first + (int)gridDim.x - 1) / (int)gridDim.x : kTurn;
@@ -212,14 +216,14 @@ __device__ __forceinline__ int find_box(const Candidates& candidates, int i, int
 
 // Makes entries of the candidates for the patches from `group` on, as many as there is room for. By all threads; ends
 // with a barrier.
-template <int kWarps, class Candidates>
+template <class P, class Candidates>
 __device__ __forceinline__ void gather(const Candidates& candidates, int group, int room) {
-  constexpr int kThreads = kWarps * kWarp;
+  constexpr int kThreads = P::kThreads;
   constexpr bool kLists = Candidates::kLists;
-  PatchShared<kWarps>* const s = patch_shared<kWarps>();
+  PatchShared<P>* const s = patch_shared<P>();
   const int each = kThreads >> s->together_bits,
             local = (int)(this_thread() >> (31 - __clz(each)));  // each: threads for a patch
-  Patch<kWarps>& patch = s->patch[group + local];
+  P& patch = s->patch[group + local];
   const int left = patch.left, top = patch.top, view = kLists ? s->view[group + local] : 0;
   // The patch's candidates: first those in the list of its bin, then those of all bins.
   const int listed = kLists ? s->listed[group + local] : 0, count = listed + s->count;
@@ -241,7 +245,7 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
     if (i < count) {
       const int slot = slot_of(i);
       meet_patch(candidates.records[slot], (uint32_t)slot, left >> kBinBits, top >> kBinBits, 0, top & (kBin - 1), kBin,
-                 Patch<kWarps>::kRows, &m);
+                 P::kRows, &m);
       if (m.farthest < kInfinity) atomicMin(&patch.bound, float_bits(m.farthest));
     }
     __syncthreads();
@@ -264,9 +268,9 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
 
 // Notes how many candidates each patch of the turn has in the list of its bin, and so how many patches are looked at
 // together. By all threads; ends with a barrier.
-template <int kWarps, class Candidates>
+template <class P, class Candidates>
 __device__ __forceinline__ void measure_lists(const Candidates& candidates) {
-  PatchShared<kWarps>* const s = patch_shared<kWarps>();
+  PatchShared<P>* const s = patch_shared<P>();
   const int k = (int)this_thread();
   if (k < kWarp) {
     if (k < kTurn)
@@ -283,10 +287,10 @@ __device__ __forceinline__ void measure_lists(const Candidates& candidates) {
 
 // Looks at the candidates once for all patches of the turn: which of them have any. By all threads; ends with a
 // barrier.
-template <int kWarps, class Candidates>
+template <class P, class Candidates>
 __device__ __forceinline__ void find_touched(const Candidates& candidates) {
-  constexpr int kThreads = kWarps * kWarp;
-  PatchShared<kWarps>* const s = patch_shared<kWarps>();
+  constexpr int kThreads = P::kThreads;
+  PatchShared<P>* const s = patch_shared<P>();
   unsigned touched = 0;
   if (this_thread() < kTurn && s->listed[this_thread()] > 0) touched = 1u << this_thread();
   find_box<true>(candidates, (int)this_thread(), kThreads, s->count, [&](auto box) {
@@ -301,7 +305,7 @@ __device__ __forceinline__ void find_touched(const Candidates& candidates) {
 
 // Draws what is in the list into a region of a view. empty: nothing has been drawn there yet, or what is drawn is
 // merged.
-template <Output kOutput>
+template <Output kOutput, class Region>
 __device__ __forceinline__ void draw_region(const Frame& f, int view, Region& region, const PatchEntry* entries,
                                             const uint16_t* list, int count, bool empty, const Record* records) {
   if (kOutput == Output::kWrite && count == 0) {
@@ -329,32 +333,32 @@ __device__ __forceinline__ void draw_region(const Frame& f, int view, Region& re
 // in_box, and int slot(int i); kLists: there can be more of them than threads, there are lists for each
 // bin besides, int listed(int view, int bin_x, int bin_y), int listed_slot(int view, int bin_x, int bin_y, int i), and
 // the frame may have several views. With kLists all is merged into the frame, without it written.
-template <int kWarps, class Candidates>
+template <class P, class Candidates>
 __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& candidates, int room) {
-  constexpr int kThreads = kWarps * kWarp;
+  constexpr int kThreads = P::kThreads;
   constexpr bool kLists = Candidates::kLists;
   constexpr Output kOutput = kLists ? Output::kMerge : Output::kWrite;
-  PatchShared<kWarps>* const s = patch_shared<kWarps>();
-  room = min_of(room, PatchShared<kWarps>::kMaxEntries);
+  PatchShared<P>* const s = patch_shared<P>();
+  room = min_of(room, P::kMaxEntries);
   for (;;) {
     if constexpr (kLists) {
-      measure_lists<kWarps>(candidates);
-      if (s->together_bits == 0) find_touched<kWarps>(candidates);
+      measure_lists<P>(candidates);
+      if (s->together_bits == 0) find_touched<P>(candidates);
     }
     for (int group = 0;;) {
       if (kLists && reread(s->together_bits) == 0)  // then a group is one patch
         while (group < s->patches && !(s->touched >> group & 1)) ++group;
       if (group >= reread(s->patches)) break;
-      gather<kWarps>(candidates, group, room);
+      gather<P>(candidates, group, room);
       const int together_bits = s->together_bits;
       const bool again = s->drawn | s->resumed;
 #pragma unroll 1
       for (int k = 0; k < min_of(1 << together_bits, s->patches - group); ++k) {
-        const Patch<kWarps> patch = s->patch[group + k];
+        const P patch = s->patch[group + k];
         if (patch.waiting == 0 && (kOutput == Output::kMerge || again)) continue;
         const uint16_t* const list = s->list + k * (kThreads >> together_bits);
         const bool empty = kOutput == Output::kMerge || !again;
-        Region region = region_of(patch);
+        typename P::Region region = region_of(patch);
         draw_region<kOutput>(f, kLists ? s->view[group + k] : 0, region, s->entries, list, patch.waiting, empty,
                              candidates.records);
       }
@@ -372,7 +376,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
     if (reread(s->last_turn)) return;
     const int next = reread(s->next_turn);
     __syncthreads();  // nobody looks at the patches of this turn any more
-    begin_turn<kWarps, kLists>(f, next);
+    begin_turn<P, kLists>(f, next);
     __syncthreads();
   }
 }

@@ -1,5 +1,5 @@
-// Owned pixels: a warp owns 16x16 px, a lane 8 of them in registers, and stores each once: no clear, no atomics. Where
-// others draw at the same time, it merges each with one atomic minimum instead.
+// Owned pixels: a warp owns 16x16 px or fewer rows of them, a lane 8 or fewer in registers, and stores each once: no clear,
+// no atomics. Where others draw at the same time, it merges each with one atomic minimum instead.
 #pragma once
 
 #include "fragment.cuh"
@@ -9,7 +9,6 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int kRegion = 16;  // px
-constexpr int kLanePixels = 8;  // two next to each other in each of four rows, four rows apart
 
 // In one instruction: the compiler would make two of most. Streaming: nobody here reads them again, and lines that
 // leave the cache first in the order in which they came are written out faster.
@@ -25,14 +24,16 @@ __device__ __forceinline__ bool wide_rows(const Frame& f) {
 // A pixel's place in its view: below 2^28, and 2^29 for those beyond its edges.
 __device__ __forceinline__ uint32_t offset_of(const Frame& f, int x, int y) { return (uint32_t)(y * f.view.width + x); }
 
-// A lane's pixels, and drawing into them.
-struct Region {
-  int64_t best[kLanePixels];
+// A lane's pixels, and drawing into them: two next to each other in each of kLaneRows rows, four rows apart.
+template <int kLaneRows>
+struct RegionOf {
+  static constexpr int kHeight = 4 * kLaneRows, kPixels = 2 * kLaneRows;  // px: of the region, of a lane
+  int64_t best[kPixels];
   int left, top;  // px
   float bound;  // behind this depth nothing of the region can be seen
   uint32_t cut;  // bits of the lane's pixels that the scissor leaves, the first one highest
 
-  static __device__ __forceinline__ uint32_t bit_of(int n) { return 1u << (kLanePixels - 1 - n); }
+  static __device__ __forceinline__ uint32_t bit_of(int n) { return 1u << (kPixels - 1 - n); }
   // px from the bin's corner
   __device__ __forceinline__ int x() const { return left & (kBin - 1); }
   __device__ __forceinline__ int y() const { return top & (kBin - 1); }
@@ -42,18 +43,18 @@ struct Region {
 
   // Whether the scissor leaves all of it.
   __device__ __forceinline__ bool whole(const Frame& f) const {
-    return left >= f.view.x0 && left + kRegion <= f.view.x1 && top >= f.view.y0 && top + kRegion <= f.view.y1;
+    return left >= f.view.x0 && left + kRegion <= f.view.x1 && top >= f.view.y0 && top + kHeight <= f.view.y1;
   }
 
   __device__ __forceinline__ void clear() {
-    for (int i = 0; i < kLanePixels; ++i) best[i] = kBackground;
+    for (int i = 0; i < kPixels; ++i) best[i] = kBackground;
   }
 
   // Before draw().
   __device__ __forceinline__ void begin(const Frame& f) {
-    cut = (1u << kLanePixels) - 1;
+    cut = (1u << kPixels) - 1;
     if (whole(f)) return;
-    for (int i = 0; i < kLanePixels; ++i) {
+    for (int i = 0; i < kPixels; ++i) {
       const int px = lane_left() + i % 2, py = lane_top() + i / 2 * 4;
       if (px < f.view.x0 || px >= f.view.x1 || py < f.view.y0 || py >= f.view.y1) cut &= ~bit_of(i);
     }
@@ -72,7 +73,7 @@ struct Region {
       }
       uint32_t outside = 0;
 #pragma unroll
-      for (int row = 0; row < 4; ++row) {
+      for (int row = 0; row < kLaneRows; ++row) {
         const int32_t left = at[0] | at[1] | at[2],
                       right = (at[0] + e.edge[0].sx) | (at[1] + e.edge[1].sx) | (at[2] + e.edge[2].sx);
         outside = __funnelshift_l((uint32_t)right, __funnelshift_l((uint32_t)left, outside, 1), 1);  // sign bits
@@ -113,7 +114,7 @@ struct Region {
     const DepthNumber left = plane_column<DepthNumber>(e.plane.dzdx, column),
                       right = plane_column<DepthNumber>(e.plane.dzdx, column + 1);
 #pragma unroll
-    for (int row = 0; row < 4; ++row) {
+    for (int row = 0; row < kLaneRows; ++row) {
       const DepthNumber start = plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, line + 4 * row);
       use(2 * row, (float)(start + left), true);
       use(2 * row + 1, (float)(start + right), true);
@@ -126,7 +127,7 @@ struct Region {
                 line = exact_float(computed_here(lane_top() & (kBin - 1)));
     uint32_t undecided = 0;
 #pragma unroll
-    for (int row = 0; row < 4; ++row) {
+    for (int row = 0; row < kLaneRows; ++row) {
       const FloatPair start = pair_at(e.z, e.dzdy, line + 4 * row);
 #pragma unroll
       for (int side = 0; side < 2; ++side) {
@@ -154,13 +155,13 @@ struct Region {
   template <class E>
   __device__ __forceinline__ void draw_special(const E& e, uint32_t covered, const Record* records) {
 #pragma unroll 1
-    for (int n = 0; n < kLanePixels; ++n) {
+    for (int n = 0; n < kPixels; ++n) {
       if (!(covered & bit_of(n))) continue;
       const int px = lane_left() + n % 2, py = lane_top() + n / 2 * 4;
       const float z = e.thin() ? thin_depth(records + e.slot(), px, py) : depth_of_pixel(e, px, py, records);
       const int64_t packed = pack_fragment(z, e.triangle);
 #pragma unroll
-      for (int m = 0; m < kLanePixels; ++m)
+      for (int m = 0; m < kPixels; ++m)
         if (m == n) best[m] = min_of(best[m], packed);
     }
   }
@@ -170,7 +171,7 @@ struct Region {
   __device__ __forceinline__ void each(const Frame& f, const Use& use) const {
     const int px = computed_here(lane_left()), first = computed_here(lane_top());
 #pragma unroll
-    for (int row = 0; row < 4; ++row) {
+    for (int row = 0; row < kLaneRows; ++row) {
       const int py = first + 4 * row;
       if (py >= f.view.height) break;
       const uint32_t at = offset_of(f, px, py);
@@ -186,17 +187,16 @@ struct Region {
   __device__ __forceinline__ void store(const Frame& f) const {
     int64_t* const to = f.packed + offset_of(f, computed_here(lane_left()), computed_here(lane_top()));
     const int64_t down = 4 * (int64_t)f.view.width;
-    if (left + kRegion > f.view.width || top + kRegion > f.view.height) {
+    if (left + kRegion > f.view.width || top + kHeight > f.view.height) {
       each(f, [&](int n, uint32_t at) { __stcs(reinterpret_cast<long long*>(f.packed) + at, (long long)best[n]); });
     } else if (wide_rows(f)) {
 #pragma unroll
-      for (int row = 0; row < 4; ++row) store_pair(to + row * down, best[2 * row], best[2 * row + 1]);
+      for (int row = 0; row < kLaneRows; ++row) store_pair(to + row * down, best[2 * row], best[2 * row + 1]);
     } else {  // where a lane's pixels do not lie in one place of 16 bytes, its second and the next lane's first do
-      const bool shifted =
-          ((uintptr_t)to & 15) != 0;  // all four rows are, or none: they are an even number of rows apart
+      const bool shifted = ((uintptr_t)to & 15) != 0;  // all rows are, or none: they are an even number of rows apart
       const bool first = (lane_id() & 7) == 0, last = (lane_id() & 7) == 7;
 #pragma unroll
-      for (int row = 0; row < 4; ++row) {
+      for (int row = 0; row < kLaneRows; ++row) {
         int64_t* const at = to + row * down;
         const int64_t next = __shfl_down_sync(kAllLanes, best[2 * row], 1);
         if (!shifted)
@@ -216,7 +216,7 @@ struct Region {
     int64_t* const to = pixels_of(f, view);
     const int place = computed_here(lane_id() & 7), py = computed_here(lane_top());
 #pragma unroll
-    for (int row = 0; row < 4; ++row)
+    for (int row = 0; row < kLaneRows; ++row)
 #pragma unroll
       for (int half = 0; half < 2; ++half) {
         const int owner = (lane_id() & ~7) + 4 * half + place / 2, px = left + 8 * half + place, y = py + 4 * row;
@@ -227,6 +227,7 @@ struct Region {
       }
   }
 };
+using Region = RegionOf<kRegion / 4>;  // 16x16 px
 
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE
