@@ -26,6 +26,12 @@ SWEPT = (
     "One parameter at a time, the others at their standard values: all values that it may have if they are few, else up to two "
     "steps of a factor of four to either side of the standard one."
 )
+IN_IMAGE = ("persistent", "patch=0")  # variant and setting
+MEMORIES = (
+    "`persistent` with a bin's pixels in the shared memory of the block that owns it, which stores them in the end, and with "
+    "them in the image, in global memory. Queues, order of work and tests are the same; either way a pixel is read first and "
+    "lowered by an atomic minimum."
+)
 MOTION = (
     "A camera goes around what it looks at, 3 degrees a frame, and draws every frame twice. The first time another camera's "
     "frame was drawn before (moving), so that queues, caches and branches have seen other triangles at other places; the second "
@@ -183,6 +189,13 @@ def parameters(rows: Sequence[Row]) -> str:
     if every:
         parts += [f"All values of those that change a time by a factor of {MATTERS}, and bytes where they are others:"]
         parts += [markdown.table(["variant", "parameter", "value", *names], every)]
+    if in_image := [row for row in rows if (row.variant, row.setting) == IN_IMAGE]:
+        parts += ["### Global memory against shared", MEMORIES]
+        in_shared = [standard[row.key, row.variant] for row in in_image]
+        both = {"in shared memory, us": in_shared, "in the image, us": in_image}
+        lines: list[list[object]] = [[name, *(text_of(row.us) for row in of_it)] for name, of_it in both.items()]
+        lines += [["ratio", *(text_of(b.us / a.us) for a, b in zip(in_shared, in_image, strict=True))]]
+        parts += [markdown.table(["a bin's pixels", *(row.key.scene for row in in_image)], lines)]
     return "\n\n".join(parts)
 
 

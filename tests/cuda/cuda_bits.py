@@ -36,6 +36,7 @@ PATHS: dict[str, dict[str, int]] = {
     "tested": {"few": 0, "share": 1024, "search": 256},
     "queued": {"few": 0, "rows": 0},
     "queued, tested": {"few": 0, "rows": 0, "share": 1024},
+    "in the image": {"few": 0, "patch": 0},
 }
 # More values of parameters than their registry names: lists and queues of one, sizes that leave work for a second turn.
 VALUES: dict[str, tuple[int, ...]] = {

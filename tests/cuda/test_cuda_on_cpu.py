@@ -275,7 +275,7 @@ def test_nothing_to_draw(variant: str) -> None:
     ("file", "old", "new", "said"),
     [
         ("region.cuh", "at[k] += step[k];", "at[k] += 2 * step[k];", "values differ"),
-        ("persistent.cu", "int64_t pixels[kBin * kBin];", "int64_t pixels[kBin * kTile];", "cuda_on_cpu: "),
+        ("persistent.cu", "pixels[kBin * kBin];", "pixels[kBin * kTile];", "cuda_on_cpu: "),
         ("patch.cuh", "if (k == 0) {", "if (k == 0) { __syncthreads();", "cuda_on_cpu: "),
         ("bin_owned.cu", "blockIdx.x);\n  __syncthreads();\n  Fate", "blockIdx.x);\n  Fate", "values differ"),
         ("sliver.cuh", "more = s->count > 0;\n      __syncthreads();", "more = s->count > 0;", "values differ"),

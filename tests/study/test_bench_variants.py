@@ -144,6 +144,21 @@ def test_tables_of_settings():
     assert len(tables.parameters([rows[0], rows[-1]]).split("\n\n")) == 4
 
 
+def test_table_of_global_and_shared_memory():
+    def one(scene, setting, us):
+        return row(scene, "persistent", us, {}, setting=setting, part="parameters")
+
+    both = [
+        one(scene, setting, us)
+        for scene, us in (("S2", 50), ("R100k", 80))
+        for setting, us in (("standard", us), ("patch=0", 100))
+    ]
+    table = tables.parameters(both).split("\n\n")[-1].splitlines()
+    assert table[0] == "| a bin's pixels | S2 | R100k |"
+    assert table[2:] == ["| in shared memory, us | 50 | 80 |", "| in the image, us | 100 | 100 |", "| ratio | 2 | 1.25 |"]
+    assert "shared" not in tables.parameters(both[:1] + [one("S2", "room=4", 9)])
+
+
 def test_tables_of_two_designs():
     us = {"bin_owned": 1, "two_stage": 10, "persistent": 5, "scanline": 8, "tile_owned": 4}
     rows = [row("S1", name, each, {}) for name, each in us.items()] + [

@@ -1,7 +1,8 @@
 // The persistent-kernel variant: one kernel whose blocks stay. All project vertices where each is projected once, set up
-// triangles and put them into a queue for each bin; then blocks own bins, first come, first served, draw a bin's queue into a copy of the bin in shared memory, a
-// warp taking a row of tiles of an entry at a time, and write each pixel once. Between the two all blocks wait for each other. More
-// triangles than there is room for records take several passes, each going on from the frame that the last one left.
+// triangles and put them into a queue for each bin; then blocks own bins, first come, first served, draw a bin's queue
+// into a copy of the bin in shared memory, a warp taking a row of tiles of an entry at a time, and write each pixel once.
+// In between all blocks wait for each other. More triangles than there is room for records take several passes, each going
+// on from the frame that the last one left.
 
 #include "depth_image.h"
 #include "direct.cuh"
@@ -12,7 +13,13 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-#define BIGTRI_LIST(X) BIGTRI_BLOCKS_PARAMETER(X) BIGTRI_QUEUE_PARAMETER(X) BIGTRI_SEARCH_PARAMETER(X)
+#define BIGTRI_LIST(X)                                                                                                 \
+  BIGTRI_BLOCKS_PARAMETER(X)                                                                                           \
+  BIGTRI_QUEUE_PARAMETER(X)                                                                                            \
+  BIGTRI_SEARCH_PARAMETER(X)                                                                                           \
+  X(patch, "",                                                                                                         \
+    "1: a bin's pixels lie in shared memory while it is drawn; 0: in the image, so that global memory is compared", 1, \
+    0, 1)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
 constexpr int kThreads = 256, kWarps = kThreads / kWarp;
@@ -118,7 +125,6 @@ struct Together {
 };
 
 struct Shared {
-  int64_t pixels[kBin * kBin];
   union {
     Together together;
     WarpOwn warp[kWarps];
@@ -127,6 +133,46 @@ struct Shared {
   int count, row_count, bin;
   __device__ Shared() {}
 };
+
+// Where a bin's pixels lie while its block draws it: in shared memory, from which they are written to the image in the
+// end, or in the image itself.
+template <bool kPatch>
+struct BinPixels;
+template <>
+struct BinPixels<true> {
+  struct Memory : Shared {
+    int64_t pixels[kBin * kBin];
+  };
+  int64_t* first;
+  static constexpr int64_t pitch = kBin;
+
+  __device__ __forceinline__ BinPixels(const Frame&, Memory* s, int, int) : first(s->pixels) {}
+  __device__ __forceinline__ static int64_t look(const int64_t* pixel) { return reread(*pixel); }
+  __device__ __forceinline__ static void lower(int64_t* pixel, int64_t packed) {
+    atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed);
+  }
+};
+template <>
+struct BinPixels<false> {
+  using Memory = Shared;
+  int64_t* first;
+  int64_t pitch;
+
+  __device__ __forceinline__ BinPixels(const Frame& f, Memory*, int bin_x, int bin_y)
+      : first(f.packed + (int64_t)bin_y * kBin * f.view.width + bin_x * kBin), pitch(f.view.width) {}
+  // Atomic operations pass the L1 cache by.
+  __device__ __forceinline__ static int64_t look(const int64_t* pixel) { return __ldcg(pixel); }
+  __device__ __forceinline__ static void lower(int64_t* pixel, int64_t packed) { keep_nearest(pixel, packed, false); }
+};
+
+// Calls use(place in the bin, pixel of the image) for the bin's pixels. By all threads of a block.
+template <class Use>
+__device__ __forceinline__ void each_pixel(const Frame& f, int bin_x, int bin_y, const Use& use) {
+  for (int i = threadIdx.x; i < kBin * kBin; i += kThreads) {
+    const int px = bin_x * kBin + i % kBin, py = bin_y * kBin + i / kBin;
+    if (px < f.view.width && py < f.view.height) use(i, f.packed + ((int64_t)py * f.view.width + px));
+  }
+}
 
 constexpr uint32_t kNoRoom = ~0u;
 
@@ -196,9 +242,10 @@ __device__ void project_all(const Frame& f, Vertex* projected) {
                             [&](const Vertex& v, int64_t i) { store_vertex(v, projected + i); });
 }
 
-// A row of tiles of one entry, into shared memory. By all lanes of a warp.
+// A row of tiles of one entry. By all lanes of a warp.
+template <bool kPatch>
 __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records, const Entry& e, int bin_x, int bin_y,
-                                           int row, int64_t* pixels) {
+                                           int row, const BinPixels<kPatch>& pixels) {
   bool any = true, all = true;
   for (int k = 0; k < 3; ++k) {
     const int32_t at = tile_edge(e.edge[k], lane_id() & 7, row);
@@ -223,27 +270,28 @@ __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records
       const float z = finish_depth(plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
       packed[half] = pack_fragment(z, e.triangle);
     }
-    int64_t* const pixel = pixels + (row * kTile + (lane_id() >> 3)) * kBin + i;
+    int64_t* const pixel = pixels.first + (row * kTile + (lane_id() >> 3)) * pixels.pitch + i;
+    int64_t* const below = pixel + 4 * pixels.pitch;
     if (e.thin())
       for (int half = 0; half < 2; ++half)
         if (inside[half])
           packed[half] = pack_fragment(
               thin_depth(records + e.slot(), px, bin_y * kBin + row * kTile + (lane_id() >> 3) + 4 * half), e.triangle);
-    const bool nearer[2] = {inside[0] && packed[0] < reread(pixel[0]),
-                            inside[1] && packed[1] < reread(pixel[4 * kBin])};
-    if (nearer[0]) atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed[0]);
-    if (nearer[1]) atomicMin(reinterpret_cast<long long*>(pixel + 4 * kBin), (long long)packed[1]);
+    const bool nearer[2] = {inside[0] && packed[0] < pixels.look(pixel), inside[1] && packed[1] < pixels.look(below)};
+    if (nearer[0]) pixels.lower(pixel, packed[0]);
+    if (nearer[1]) pixels.lower(below, packed[1]);
   }
 }
 
 // whole, parts: records of the pass.
-__device__ void draw_bin(const Frame& f, const Job& j, int bin, int whole, int parts, bool first_pass, Shared* s) {
+template <bool kPatch>
+__device__ void draw_bin(const Frame& f, const Job& j, int bin, int whole, int parts, bool first_pass,
+                         typename BinPixels<kPatch>::Memory* s) {
   const int bin_x = bin % j.bins_x, bin_y = bin / j.bins_x, warp = threadIdx.x / kWarp;
-  for (int i = threadIdx.x; i < kBin * kBin; i += kThreads) {
-    const int px = bin_x * kBin + i % kBin, py = bin_y * kBin + i / kBin;
-    s->pixels[i] = !first_pass && px < f.view.width && py < f.view.height ? f.packed[(int64_t)py * f.view.width + px]
-                                                                          : kBackground;
-  }
+  const BinPixels<kPatch> pixels(f, s, bin_x, bin_y);
+  if (kPatch || first_pass)
+    each_pixel(f, bin_x, bin_y,
+               [&](int i, int64_t* pixel) { (kPatch ? pixels.first[i] : *pixel) = first_pass ? kBackground : *pixel; });
   if (threadIdx.x == 0) s->far = float_bits(kInfinity);
   const uint32_t waiting = j.bin_count[bin];
   const bool listed = waiting <= (uint32_t)j.room;
@@ -276,14 +324,11 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int whole, int p
     const float far = bits_float(s->far);  // behind what covers all of the bin nothing can be seen
     for (int k = warp; k < s->row_count; k += kWarps) {
       const Entry& e = t->entries[t->rows[k] / kRows];
-      if (e.nearest <= far) draw_tiles(f, j.records, e, bin_x, bin_y, t->rows[k] % kRows, s->pixels);
+      if (e.nearest <= far) draw_tiles(f, j.records, e, bin_x, bin_y, t->rows[k] % kRows, pixels);
     }
   }
   __syncthreads();
-  for (int i = threadIdx.x; i < kBin * kBin; i += kThreads) {
-    const int px = bin_x * kBin + i % kBin, py = bin_y * kBin + i / kBin;
-    if (px < f.view.width && py < f.view.height) f.packed[(int64_t)py * f.view.width + px] = s->pixels[i];
-  }
+  if (kPatch) each_pixel(f, bin_x, bin_y, [&](int i, int64_t* pixel) { *pixel = pixels.first[i]; });
   if (threadIdx.x == 0) j.bin_count[bin] = 0;  // for the next pass
 }
 
@@ -301,10 +346,11 @@ __device__ void draw_deferred(const Frame& f, const Job& j, int count, Shared* s
   }
 }
 
+template <bool kPatch>
 __global__ void __launch_bounds__(kThreads)
     stay_and_draw(const __grid_constant__ Frame f, const __grid_constant__ Job j) {
   extern __shared__ __align__(16) char memory[];
-  Shared* s = reinterpret_cast<Shared*>(memory);
+  auto* const s = reinterpret_cast<typename BinPixels<kPatch>::Memory*>(memory);
   uint32_t expected = 0;
   Counters* c = j.counters;
   int64_t base = 0;
@@ -323,7 +369,7 @@ __global__ void __launch_bounds__(kThreads)
       __syncthreads();
       const int bin = s->bin;
       if (bin >= j.bins_x * j.bins_y) break;
-      draw_bin(f, j, bin, whole, parts, base == 0, s);
+      draw_bin<kPatch>(f, j, bin, whole, parts, base == 0, s);
     }
     base += count;
     if (base < f.count || deferred) {
@@ -336,15 +382,21 @@ __global__ void __launch_bounds__(kThreads)
   if (blockIdx.x == 0 && threadIdx.x == 0) *f.dropped = (int64_t)__ldcg(&c->dropped);
 }
 
-cudaError_t draw_view(const Frame& f, const Values& v, Job job, cudaStream_t stream) {
+template <bool kPatch>
+cudaError_t draw(const Frame& f, const Values& v, Job job, cudaStream_t stream) {
+  constexpr int64_t kSharedBytes = sizeof(typename BinPixels<kPatch>::Memory);
   const char* end = reinterpret_cast<const char*>(job.bin_count + (int64_t)job.bins_x * job.bins_y);
   BIGTRI_CUDA(cudaMemsetAsync(job.counters, 0, (size_t)(end - reinterpret_cast<const char*>(job.counters)), stream));
   int blocks;
-  BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(stay_and_draw), kThreads, sizeof(Shared), &blocks));
+  BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(stay_and_draw<kPatch>), kThreads, kSharedBytes, &blocks));
   if (v.blocks > 0) blocks = min_of(blocks, (int)v.blocks);  // all of them have to be resident
   BIGTRI_CUDA(choose_each(f, v.search, untested_each(f, (int64_t)blocks * kWarps), &job.set_up));
-  BIGTRI_CUDA(launch_together(stay_and_draw, blocks, kThreads, sizeof(Shared), stream, f, job));
+  BIGTRI_CUDA(launch_together(stay_and_draw<kPatch>, blocks, kThreads, kSharedBytes, stream, f, job));
   return launch_depth(f, v.blocks, stream);
+}
+
+cudaError_t draw_view(const Frame& f, const Values& v, const Job& job, cudaStream_t stream) {
+  return v.patch ? draw<true>(f, v, job, stream) : draw<false>(f, v, job, stream);
 }
 
 using Drawn = ViewByView<Values, take_job, draw_view>;
