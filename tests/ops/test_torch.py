@@ -59,7 +59,7 @@ def arguments(op: str) -> tuple:
     return {
         "rasterize": (
             *(positions[None], triangles, height, width, "none", [0, 0, width, height], "bin_owned", "exact", 1, [], None, None),
-            *(torch.empty_like(packed), torch.empty(packed.shape), torch.empty(1, dtype=torch.int64), True),
+            *(torch.empty_like(packed), torch.empty(packed.shape), torch.empty(1, dtype=torch.int64)),
             torch.zeros(len(native.COUNTERS), dtype=torch.int64),
         ),
         "map_work": (
