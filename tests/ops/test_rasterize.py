@@ -597,7 +597,7 @@ def test_an_output_over_an_input(name, backend):
 
 @pytest.mark.parametrize("size", [8, 400])
 def test_iterators_are_looked_at_once(size, backend):
-    """By the short way of a call, and by what comes behind it where that one draws nothing: 400x400 px, columns that lie apart."""
+    """By the short way of a call, and by what comes behind it where that draws nothing: 400x400 px, columns that lie apart."""
     scissor = (size // 4, 0, size, size)
     for positions in (P, P.t().contiguous().t(), POSITIONS):
         whole = bigtri.rasterize(positions, T, (size, size), backend=backend, scissor=scissor).packed
