@@ -99,11 +99,12 @@ class Target(NamedTuple):
     image: torch.Tensor  # uint8 [B, H, W, 3]
     samples: int
     arithmetic: Arithmetic
+    fills: bool
 
     def draw(self) -> None:
         nothing = pictures.Made()
         given = self.positions, self.triangles, "none", self.surface, self.image, self.samples
-        pictures.draw(*given, nothing, None, self.arithmetic, "native")
+        pictures.draw(*given, nothing, None, self.arithmetic, "native", fills=self.fills)
 
     def shade(self) -> None:
         nothing = pictures.Made()
@@ -127,6 +128,7 @@ def target(
     """A scene as its cameras see it, ready to be drawn."""
     (height, width), views, tensors = resolution, len(cameras), scene.on(device)
     clip = np.stack([camera.transform(scene.positions, width / height, scene.origin) for camera in cameras])
+    matrices = np.stack([camera.matrix(width / height, scene.origin) for camera in cameras])
     shape = views, height * samples, width * samples
     return Target(
         torch.from_numpy(clip).to(device),
@@ -136,4 +138,5 @@ def target(
         torch.empty((views, height, width, 3), dtype=torch.uint8, device=device),
         samples,
         RUNGS[precision],
+        tensors.fills_picture(matrices),
     )

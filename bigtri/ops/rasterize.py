@@ -98,6 +98,9 @@ def rasterize(
     torch.vmap has no rule for it, since it writes into memory: a batch of views is one call.
     """
     op = "rasterize"
+    # Looked at once: both may be iterators, which have nothing left for a second look.
+    height, width = arguments.check_image_size(op, "resolution", resolution)
+    box = None if scissor is None else arguments.check_scissor(op, scissor, height, width)
     # `is`, since the texts and flags are what the caller's code says or the defaults: others are as right and take longer.
     if (
         (backend is _AUTO or backend is _NATIVE)
@@ -109,7 +112,7 @@ def rasterize(
         and out is None
         and depth_out is None
     ):
-        drawn = _draw_new(op, positions, triangles, resolution, precision, cull, scissor, depth)
+        drawn = _draw_new(op, positions, triangles, height, width, precision, cull, box, depth)
         if drawn is not None:
             return drawn
 
@@ -120,8 +123,8 @@ def rasterize(
     arguments.check_flag(op, "depth", depth)
     if depth_out is not None and not depth:
         raise ValueError(f"bigtri.{op}: depth_out must be None where depth is False, got {arguments.described(depth_out)}")
-    height, width = arguments.check_image_size(op, "resolution", resolution)
-    box = arguments.check_scissor(op, scissor, height, width)
+    if box is None:
+        box = 0, 0, width, height
 
     if chosen == "native" and variant == "auto" and parameters is None and ranges is None and not validate:
         drawn = _draw_as_is(op, positions, triangles, height, width, cull, box, arithmetic.name, depth, out, depth_out)
@@ -186,10 +189,11 @@ def _draw_new(
     op: str,
     positions: Array,
     triangles: Array,
-    resolution: tuple[int, int],
+    height: int,
+    width: int,
     precision: str | Precision,
     cull: str,
-    scissor: tuple[int, int, int, int] | None,
+    box: tuple[int, int, int, int] | None,
     depth: bool,
 ) -> Visibility | None:
     """Draw with the standard variant of the native backend into new memory; None where that cannot be, and nothing is drawn.
@@ -199,7 +203,6 @@ def _draw_new(
     """
     if _rasterize_new is None or tuned.tables or native.parameters_are_set() or torch.compiler.is_compiling():
         return None
-    height, width = arguments.check_image_size(op, "resolution", resolution)
     try:
         clip, faces = arguments.for_operator(positions, torch.float32), arguments.for_operator(triangles, torch.int32)
         if clip is None or faces is None:
@@ -208,11 +211,10 @@ def _draw_new(
             views = len(clip) if clip.ndim == 3 else 1
             if not clip.is_cpu or views * height * width * 8 >= memory.SMALLEST:  # of large ones the memory is not torch's
                 return None
-        if precision is _EXACT and cull is _NONE and scissor is None and depth:
+        if precision is _EXACT and cull is _NONE and box is None and depth:
             made = _rasterize_new(clip, faces, height, width)
         else:
             rung = arguments.check_precision(op, precision).name
-            box = None if scissor is None else arguments.check_scissor(op, scissor, height, width)
             made = _rasterize_new(clip, faces, height, width, cull, box, rung, depth)
     except (RuntimeError, MemoryError):
         return None

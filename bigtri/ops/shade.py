@@ -76,6 +76,8 @@ def draw(
     seen: tuple[torch.Tensor, torch.Tensor] | None,
     arithmetic: Arithmetic,
     backend: str,
+    *,
+    fills: bool = False,
 ) -> torch.Tensor:
     """Write the picture of triangles; where nobody asks for the visibility buffer, it may not exist.
 
@@ -90,6 +92,8 @@ def draw(
         seen: packed int64 and depth float32 [B, samples * H, samples * W] to write, or None.
         arithmetic: the rung to draw with.
         backend: "reference" or "native"; the bits are the same.
+        fills: whether triangles probably touch most of the picture. On CUDA all of a large picture is then looked at, not only
+            where triangles may be; the bits are the same.
 
     Returns:
         int64 [B]: triangles dropped.
@@ -102,7 +106,7 @@ def draw(
         thresholds = torch_private.beside(THRESHOLDS, positions)
         torch.ops.bigtri.draw.default(
             *(positions, triangles, height, width, cull, *surface, thresholds, arithmetic.name, []),
-            *(image, made.albedo, made.normals, made.linear, packed, depth, dropped),
+            *(image, made.albedo, made.normals, made.linear, packed, depth, dropped, fills),
         )
         return dropped
     drawn = rasterize(

@@ -223,7 +223,8 @@ def _draw(
             made = new_made(positions, shape)
             seen = memory.new(positions, shape, torch.int64), memory.new(positions, shape, torch.float32)
         surface, cull = tensors.surface(plan, background), tensors.scene.cull
-        dropped = draw(positions, tensors.triangles, cull, surface, image, samples, made, seen, arithmetic, backend)
+        given = positions, tensors.triangles, cull, surface, image, samples, made, seen, arithmetic, backend
+        dropped = draw(*given, fills=tensors.device.type == "cuda" and tensors.fills_picture(matrices))
     return image, None if seen is None else (positions, (*seen, dropped), made, seconds)
 
 

@@ -16,6 +16,8 @@ _SLACK = 2.0**-6
 _NEAREST = 1e-4
 # The eye keeps this part of the size of what it sees away from it.
 _CLOSEST = 1e-2
+# Whose bounds take at least this part of a picture probably touches more than half of it.
+_FILLS = 0.85
 # Of what turns, as many slices, and corners of the ring around each at least.
 _SLICES, _CORNERS = 64, 48
 
@@ -62,6 +64,23 @@ class View(NamedTuple):
 def corners_of(low: Vector, high: Vector) -> NDArray[np.float64]:
     """float64 [8, 3]: the corners of a box."""
     return np.array(list(itertools.product(*zip(low, high, strict=True))), np.float64)
+
+
+def fills_picture(matrices: NDArray[np.float64], corners: NDArray[np.float64]) -> bool:
+    """Whether what lies in a box probably touches most of the pictures that cameras take of it.
+
+    Args:
+        matrices: [B, 4, 4], to clip space.
+        corners: [8, 3], of the box.
+    """
+    clip = corners @ matrices[:, :, :3].transpose(0, 2, 1) + matrices[:, None, :, 3]
+    w = clip[..., 3:]
+    behind = ~(w > 0)
+    places = np.clip(clip[..., :2] / np.where(behind, 1.0, w), -1.0, 1.0)
+    share = np.prod(places.max(axis=1) - places.min(axis=1), axis=-1) / 4
+    # A camera that has a corner beside it or behind it is within the box, or close to it.
+    share[behind.any(axis=(1, 2))] = 1.0
+    return bool(np.mean(share) >= _FILLS)
 
 
 def swept(points: NDArray[np.float64], up_axis: str, turns: int) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..reference.shade import Look, Surface
+from .fit import corners_of, fills_picture
 from .normals import face_normals
 from .plan import RenderPlan
 
@@ -46,6 +47,15 @@ class SceneTensors:
     @cached_property
     def _face_normals(self) -> torch.Tensor:
         return self._tensor(face_normals(self.scene.positions, self.scene.triangles))
+
+    @cached_property
+    def _corners(self) -> NDArray[np.float64]:
+        low, high = (tuple(corner) for corner in self.scene.bounds - np.array(self.scene.origin))
+        return corners_of(low, high)
+
+    def fills_picture(self, matrices: NDArray[np.float64]) -> bool:
+        """Whether the scene probably touches most of the pictures of cameras with these matrices, [B, 4, 4]."""
+        return fills_picture(matrices, self._corners)
 
     def surface(self, plan: RenderPlan, background: Sequence[Sequence[float]]) -> Surface[torch.Tensor]:
         """What the shading pass reads, with the effects that the plan runs.

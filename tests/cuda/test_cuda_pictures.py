@@ -112,14 +112,14 @@ def test_pictures_of_a_part_of_a_large_image(resolution: tuple[int, int], channe
             positions=picture.positions[:3].contiguous(), resolution=resolution, channels=channels, samples=samples
         )
         images = []
-        for one in (picture, to_device(picture, DEVICE)):
+        there = to_device(picture, DEVICE)
+        for one, fills in ((picture, False), (there, False), (there, True)):
             poison(0xCD, 1 << 28)
             image = outputs(one).image
-            dropped = draw(
-                one.positions, one.triangles, one.cull, one.surface, image, samples, Made(), None, RUNGS[DEFAULT], "native"
-            )
-            images.append((image, dropped))
-        assert same(images[0][0], images[1][0]) and same(images[0][1], images[1][1])
+            given = one.positions, one.triangles, one.cull, one.surface, image, samples
+            images.append((image, draw(*given, Made(), None, RUNGS[DEFAULT], "native", fills=fills)))
+        for image, dropped in images[1:]:
+            assert same(images[0][0], image) and same(images[0][1], dropped)
 
 
 def test_the_courtyard() -> None:

@@ -595,6 +595,16 @@ def test_an_output_over_an_input(name, backend):
     assert torch.equal(positions, P) and torch.equal(triangles, T)
 
 
+@pytest.mark.parametrize("size", [8, 400])
+def test_iterators_are_looked_at_once(size, backend):
+    """By the short way of a call, and by what comes behind it where that draws nothing: 400x400 px, columns that lie apart."""
+    scissor = (size // 4, 0, size, size)
+    for positions in (P, P.t().contiguous().t(), POSITIONS):
+        whole = bigtri.rasterize(positions, T, (size, size), backend=backend, scissor=scissor).packed
+        seen = bigtri.rasterize(positions, T, iter((size, size)), backend=backend, scissor=iter(scissor)).packed
+        assert np.array_equal(seen, whole)
+
+
 def test_scissor_beyond_the_image_is_cut(backend):
     whole = bigtri.rasterize(POSITIONS, TRIANGLES, (8, 8), backend=backend).packed
     for scissor in ((-100, -100, 100, 100), (-(2**40), 0, 2**40, 8), (0, 0, 2**64, 2**64), (-(2**70), -(2**70), 8, 8)):

@@ -89,7 +89,7 @@ def arguments(op: str) -> tuple:
         "shade": (*drawing, *surface, *picture),
         "draw": (
             *(positions[None], triangles, height, width, "none", *surface, [], *picture),
-            *(torch.empty_like(packed), torch.empty(packed.shape), torch.empty(1, dtype=torch.int64)),
+            *(torch.empty_like(packed), torch.empty(packed.shape), torch.empty(1, dtype=torch.int64), True),
         ),
         "transform": (torch.rand(9, 3), torch.rand(2, 4, 4, dtype=torch.float64), torch.empty(2, 9, 4)),
     }[op]

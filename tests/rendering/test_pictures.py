@@ -119,7 +119,7 @@ def drawing(
         dropped = torch.zeros(len(cameras), dtype=torch.int64)
         packed, depth = seen or (None, None)
         given = (clip, triangles, *shape[1:], scene.cull, *surface[:10], *surface[10:], THRESHOLDS, "exact", list(parameters))
-        call("draw", (*given, image, made.albedo, made.normals, made.linear, packed, depth, dropped))
+        call("draw", (*given, image, made.albedo, made.normals, made.linear, packed, depth, dropped, False))
     else:
         ops.draw(clip, triangles, scene.cull, surface, image, supersample, made, seen, EXACT, backend)
     return [t.numpy() for t in (image, *(made if not alone else ()), *(seen or ()))]

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bigtri import Camera, warn
+from bigtri import Camera, Scene, warn
+from bigtri.study import courtyard
 
 CAMERA = Camera(eye=(3, 2, 5), target=(-1, 0.5, 0.25), fov_y=50, near=0.5, far=80)
 
@@ -193,3 +194,28 @@ def test_errors_of_methods():
         Camera.orbit((0, 0, 0), 1, up_axis="x")
     with pytest.raises(ValueError, match="distance must be positive"):
         Camera.framing([(0, 0, 0), (1, 1, 1)], distance=-1)
+
+
+def test_what_fills_a_picture():
+    scene = courtyard.courtyard()
+    tensors, aspect = scene.on("cpu"), 16 / 9
+
+    def fills(*cameras: Camera) -> bool:
+        return tensors.fills_picture(np.stack([camera.matrix(aspect, scene.origin) for camera in cameras]))
+
+    middle = tuple(scene.bounds.mean(axis=0))
+    within, far = Camera(eye=middle, target=scene.bounds[1]), Camera(eye=(900, 500, 700), target=middle)
+    assert fills(courtyard.camera()) and fills(within)
+    assert not fills(far) and not fills(within, far, far)
+    assert not fills(Camera.framing(scene.bounds, aspect=aspect))
+    assert fills(Camera(eye=(90, 50, 70), target=middle, fov_y=5))
+
+
+def test_what_fills_a_picture_far_from_the_origin():
+    moved = np.eye(4)
+    moved[0, 3] = 7e6
+    near = Scene(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32))
+    for scene in (near, near.moved(moved)):
+        matrix = Camera.framing(scene.bounds, aspect=1.0).matrix(1.0, scene.origin)[None]
+        assert not scene.on("cpu").fills_picture(matrix)
+        assert scene.on("cpu").fills_picture(matrix * np.array([9, 9, 1, 1])[:, None])

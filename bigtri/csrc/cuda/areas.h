@@ -20,33 +20,29 @@ struct Areas {
   int columns, rows;  // of a view
   int pitch;  // of marks, from a row of areas to the next
   int64_t views;
-  // All are null where none is left out.
+  // All three are null where none is left out.
   uint32_t* count;  // [1]: of those in the list
   uint8_t* marks;  // [views, rows, pitch]: 1 where an area may be touched, else 0
-  uint8_t* whole;  // [views]: 1 where all areas of a view may be touched, whatever is marked
-  Area* list;  // those that may be touched, in any order
+  Area* list;  // those, in any order
 };
 BIGTRI_HD int64_t area_rows(const Areas& a) { return a.views * a.rows; }
 BIGTRI_HD int64_t all_areas(const Areas& a) { return area_rows(a) * a.columns; }
 
-// So many marks are read and stored at once: a row is filled up to a multiple of it, and so are the count in front and what
-// is behind the marks.
+// So many marks are read and stored at once: a row is filled up to a multiple of it, and the count in front takes as many
+// bytes.
 constexpr int kMarksTogether = 8;
-constexpr int64_t filled_up(int64_t marks) { return (marks + kMarksTogether - 1) / kMarksTogether * kMarksTogether; }
-// Of all that has to be 0 before areas are marked, from the count on.
-inline int64_t area_mark_bytes(const Areas& a) { return kMarksTogether + area_rows(a) * a.pitch + filled_up(a.views); }
+inline int64_t area_mark_bytes(const Areas& a) { return kMarksTogether + area_rows(a) * a.pitch; }
 
 // width, height: of the picture, px. memory: of areas_bytes(), or null.
 inline Areas areas_of(int width, int height, int64_t views, void* memory) {
   Areas a = {};
   a.columns = (width + kAreaWidth - 1) / kAreaWidth;
   a.rows = (height + kAreaHeight - 1) / kAreaHeight;
-  a.pitch = (int)filled_up(a.columns);
+  a.pitch = (a.columns + kMarksTogether - 1) / kMarksTogether * kMarksTogether;
   a.views = views;
   if (!memory) return a;
   a.count = static_cast<uint32_t*>(memory);
   a.marks = static_cast<uint8_t*>(memory) + kMarksTogether;
-  a.whole = a.marks + area_rows(a) * a.pitch;
   a.list = reinterpret_cast<Area*>(static_cast<char*>(memory) + area_mark_bytes(a));
   return a;
 }

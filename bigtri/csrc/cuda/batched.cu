@@ -68,7 +68,12 @@ __device__ __forceinline__ void draw_records(const Frame& f, const Batch& b) {
   }
 }
 
-__global__ void __launch_bounds__(kMostThreads)
+// Threads of so large a block have 96 registers each, which leaves five blocks of the standard size room; with 98 there
+// are four.
+constexpr int kRoomThreads = 640;
+static_assert(kRoomThreads >= kMostThreads, "blocks of all sizes");
+
+__global__ void __launch_bounds__(kRoomThreads)
     draw_batches(const __grid_constant__ Frame f, const __grid_constant__ SetUp how) {
   __shared__ Batch b;
   let_next_begin();

@@ -52,17 +52,13 @@ constexpr int kMarkThreads = 64;
 
 // The areas that a triangle may touch.
 struct MarkBox {
-  int view, top;
-  int left, right;  // columns, the last one within
-  int rows;         // 0: none
+  int64_t first_row;  // among the rows of all views
+  int left, right;    // columns, the last one within
+  int rows;           // 0: none
 };
 __device__ __forceinline__ MarkBox of_lane(const MarkBox& b, int lane) {
-  return {__shfl_sync(kAllLanes, b.view, lane), __shfl_sync(kAllLanes, b.top, lane),
-          __shfl_sync(kAllLanes, b.left, lane), __shfl_sync(kAllLanes, b.right, lane),
-          __shfl_sync(kAllLanes, b.rows, lane)};
-}
-__device__ __forceinline__ uint8_t* marks_of_row(const Areas& areas, const MarkBox& b, int down) {
-  return areas.marks + ((int64_t)b.view * areas.rows + b.top + down) * areas.pitch;
+  return {__shfl_sync(kAllLanes, b.first_row, lane), __shfl_sync(kAllLanes, b.left, lane),
+          __shfl_sync(kAllLanes, b.right, lane), __shfl_sync(kAllLanes, b.rows, lane)};
 }
 
 // The box of triangle `item` of all views.
@@ -84,7 +80,7 @@ __device__ __forceinline__ MarkBox mark_box(const Frame& f, const Areas& areas, 
   const auto column_of = [&](int x) { return (int)samples.quotient((uint32_t)x) / kAreaWidth; };
   const auto row_of = [&](int y) { return (int)samples.quotient((uint32_t)y) / kAreaHeight; };
   const int top = row_of(box.y0);
-  return {(int)view, top, column_of(box.x0), column_of(box.x1 - 1), row_of(box.y1 - 1) - top + 1};
+  return {view * areas.rows + top, column_of(box.x0), column_of(box.x1 - 1), row_of(box.y1 - 1) - top + 1};
 }
 
 // Of marks that lie together, those from column left to column right.
@@ -93,9 +89,9 @@ __device__ __forceinline__ uint64_t marks_between(int left, int right) {
   return kAll << (8 * max_of(left, 0)) & kAll >> (8 * (kMarksTogether - 1 - min_of(right, kMarksTogether - 1)));
 }
 
-// Marks the areas that triangles of the views may touch, a thread a triangle: those that its bounding box meets, or its view
-// as a whole where these are most areas, or it has to be clipped. Bytes of a word are stored here and combined with others
-// there; both happen in the L2 cache, byte by byte, so that none is lost. projected: the vertices of all views, or null.
+// Marks the areas that triangles of the views may touch, a thread a triangle: those that its bounding box meets, or all
+// areas of its view where it has to be clipped. Bytes of a word are stored here and combined with others there; both
+// happen in the L2 cache, byte by byte, so that none is lost. projected: the vertices of all views, or null.
 __global__ void __launch_bounds__(kMarkThreads)
     mark_areas(const __grid_constant__ Frame f, const __grid_constant__ Areas areas, const Vertex* projected,
                ShortDivisor triangles, ShortDivisor samples, int64_t items) {
@@ -107,24 +103,19 @@ __global__ void __launch_bounds__(kMarkThreads)
   MarkBox box = {};
   if (item < items) box = mark_box(f, areas, projected, triangles, samples, item);
   wait_for_previous();
-  const int touched = box.rows * (box.right - box.left + 1);
-  const bool small = touched <= kOwn, most = !small && 4 * touched >= 3 * areas.rows * areas.columns;
-  if (most) areas.whole[box.view] = 1;
+  const bool small = box.rows * (box.right - box.left + 1) <= kOwn;
   for (int down = 0; small && down < box.rows; ++down)
-    for (int column = box.left; column <= box.right; ++column) marks_of_row(areas, box, down)[column] = 1;
-  int whole = -1;  // a view that is marked as a whole already
-  for (unsigned large = __ballot_sync(kAllLanes, !small && !most); large; large &= large - 1) {
+    for (int column = box.left; column <= box.right; ++column)
+      areas.marks[(box.first_row + down) * areas.pitch + column] = 1;
+  for (unsigned large = __ballot_sync(kAllLanes, !small); large; large &= large - 1) {
     const MarkBox its = of_lane(box, __ffs(large) - 1);
-    if (its.view == whole) continue;
-    const bool all = reread(areas.whole[its.view]) != 0;  // nothing waits for it before the marks are sent
     // Four rows at a time, by eight lanes each.
     constexpr int kTeam = 8, kTeams = kWarp / kTeam;
     for (int down = lane_id() / kTeam; down < its.rows; down += kTeams)
       for (int column = (its.left / kMarksTogether + lane_id() % kTeam) * kMarksTogether; column <= its.right;
            column += kTeam * kMarksTogether)
-        atomicOr(reinterpret_cast<unsigned long long*>(marks_of_row(areas, its, down) + column),
+        atomicOr(reinterpret_cast<unsigned long long*>(areas.marks + (its.first_row + down) * areas.pitch + column),
                  (unsigned long long)marks_between(its.left - column, its.right - column));
-    if (all) whole = its.view;
   }
 }
 
@@ -138,12 +129,11 @@ __global__ void __launch_bounds__(kAreaThreads)
   wait_for_previous();
   const bool in_pairs = f.view.width % 2 == 0 && ((uintptr_t)f.packed & 15) == 0;
   for (int64_t i = blockIdx.x; i < area_rows(areas) * row_parts(areas); i += gridDim.x) {
+    const uint64_t marks = reinterpret_cast<const uint64_t*>(areas.marks)[i];
+    if (!marks) continue;
     const int64_t row_of_all = i / row_parts(areas), view = row_of_all / areas.rows;
     const int row = (int)(row_of_all - view * areas.rows),
               first = (int)(i - row_of_all * row_parts(areas)) * kMarksTogether;
-    uint64_t marks = reinterpret_cast<const uint64_t*>(areas.marks)[i];
-    if (areas.whole[view]) marks = marks_between(0, areas.columns - 1 - first);
-    if (!marks) continue;
     const bool mine = lane_id() < kMarksTogether && (marks >> (8 * (lane_id() % kMarksTogether)) & 1);
     const unsigned marked = __ballot_sync(kAllLanes, mine);
     if (this_warp() == 0) {

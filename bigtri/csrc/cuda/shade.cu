@@ -151,7 +151,8 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
       const int of_block = kShadeWarps * (large ? kWordsOfLarge : 1);
       BIGTRI_CUDA(launch_next(kernel, (words + of_block - 1) / of_block, kShadeThreads, 0, stream, job, work));
     }
-    BIGTRI_CUDA(blocks_of(shade_left, words, &blocks));
+    // Mostly none is left, and fewer blocks end sooner.
+    BIGTRI_CUDA(multiprocessors(&blocks));
     return launch_next(shade_left, blocks, kShadeThreads, 0, stream, job, work);
   });
 }

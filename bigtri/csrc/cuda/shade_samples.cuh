@@ -1,5 +1,5 @@
-// Pixels of several samples, a lane each: it goes over its samples, keeps their sum, and stores the finished pixel; docs/numerics.md
-// 18. A lane's sample lies beside those of its neighbours, so many columns away as a pixel has.
+// Pixels of several samples, a lane each: it goes over its samples, keeps their sum, and stores the finished pixel;
+// docs/numerics.md 18. A lane's sample lies beside those of its neighbours, so many columns away as a pixel has.
 #pragma once
 
 #include "shade_pixels.cuh"

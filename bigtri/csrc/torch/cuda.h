@@ -16,14 +16,20 @@ inline int device_of(std::initializer_list<const Tensor*> tensors) {
   return kCpu;
 }
 
-// Makes a device the current one, as long as it lives. Nothing is to be undone where it is so already.
+// Makes a device the current one, as long as it lives. Nothing is to be undone where it is so already: for torch, which
+// may put off telling CUDA until the device is used, and for CUDA, which launches and is asked here.
 class CurrentDevice {
  public:
   explicit CurrentDevice(int device) {
-    if (torch::stable::accelerator::getCurrentDeviceIndex() != device) guard_.emplace(device);
+    if (torch::stable::accelerator::getCurrentDeviceIndex() != device || of_cuda() != device) guard_.emplace(device);
   }
 
  private:
+  static int of_cuda() {
+    int device;
+    return cudaGetDevice(&device) == cudaSuccess ? device : kCpu;
+  }
+
   std::optional<torch::stable::accelerator::DeviceGuard> guard_;
 };
 

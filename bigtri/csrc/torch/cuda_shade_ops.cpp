@@ -73,7 +73,9 @@ void shade_cuda_op(const Tensor& packed, const Tensor& positions, const Tensor& 
   check_launch(op, rung.shade(shading.job, scratch.data(), current_stream(device)));
 }
 
-// height and width are those of the samples. packed and depth are written where they are not None.
+// height and width are those of the samples. packed and depth are written where they are not None. fills: whether triangles
+// probably touch most of the picture, so that looking for areas without any would take longer than it spares; no bit of
+// the picture depends on it.
 void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
                   const std::string& cull, const std::optional<Tensor>& uvs, const std::optional<Tensor>& colors,
                   const std::optional<Tensor>& normals, const std::optional<Tensor>& face_normals,
@@ -82,7 +84,8 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
                   const Tensor& constants, bool two_sided, const Tensor& thresholds, const std::string& precision,
                   const std::vector<int64_t>& parameters, const Tensor& image, const std::optional<Tensor>& albedo,
                   const std::optional<Tensor>& normal_image, const std::optional<Tensor>& linear,
-                  const std::optional<Tensor>& packed, const std::optional<Tensor>& depth, const Tensor& dropped) {
+                  const std::optional<Tensor>& packed, const std::optional<Tensor>& depth, const Tensor& dropped,
+                  bool fills) {
   const char* op = "draw";
   Frame frame = {};
   frame.view = viewport(op, height, width, cull, {0, 0, width, height});
@@ -113,7 +116,7 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   frame.packed = packed ? data<int64_t>(*packed) : static_cast<int64_t*>(buffer.data());
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
   const bool seen = packed || depth;  // by the caller
-  const bool lists_areas = !seen && height * width >= kSamplesOfAreas && variant.lists_areas &&
+  const bool lists_areas = !seen && !fills && height * width >= kSamplesOfAreas && variant.lists_areas &&
                            variant.lists_areas(frame, values.data()) && rung.shades_areas(shading.job);
   const int samples = shading.job.samples;
   const WorkingMemory areas(lists_areas ? areas_bytes((int)width / samples, (int)height / samples, frame.views) : 0);

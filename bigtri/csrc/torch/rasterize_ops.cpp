@@ -199,8 +199,7 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
       "normals, Tensor? face_normals, Tensor material, Tensor looks, Tensor base_colors, Tensor[] textures, Tensor "
       "light_directions, Tensor light_colors, Tensor constants, bool two_sided, Tensor thresholds, str precision, "
       "int[] parameters, Tensor(a!) image, Tensor(b!)? albedo, Tensor(c!)? normal_image, Tensor(d!)? linear, "
-      "Tensor(e!)? packed, "
-      "Tensor(f!)? depth, Tensor(g!) dropped) -> ()");
+      "Tensor(e!)? packed, Tensor(f!)? depth, Tensor(g!) dropped, bool fills=False) -> ()");
 }
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CPU, m) {

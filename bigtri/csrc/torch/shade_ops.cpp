@@ -79,7 +79,8 @@ void shade_op(const Tensor& packed, const Tensor& positions, const Tensor& trian
   shade_views(shading.job, parallel);
 }
 
-// height and width are those of the samples. packed and depth are written where they are not None.
+// height and width are those of the samples. packed and depth are written where they are not None. fills: as on CUDA, where
+// it decides how much of the picture is looked at; here each bin is looked at where it is drawn.
 void draw_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width, const std::string& cull,
              const std::optional<Tensor>& uvs, const std::optional<Tensor>& colors,
              const std::optional<Tensor>& normals, const std::optional<Tensor>& face_normals, const Tensor& material,
@@ -88,7 +89,7 @@ void draw_op(const Tensor& positions, const Tensor& triangles, int64_t height, i
              const Tensor& thresholds, const std::string& precision, const std::vector<int64_t>& parameters,
              const Tensor& image, const std::optional<Tensor>& albedo, const std::optional<Tensor>& normal_image,
              const std::optional<Tensor>& linear, const std::optional<Tensor>& packed,
-             const std::optional<Tensor>& depth, const Tensor& dropped) {
+             const std::optional<Tensor>& depth, const Tensor& dropped, [[maybe_unused]] bool fills) {
   const char* op = "draw";
   const Viewport view = viewport(op, height, width, cull, {0, 0, width, height});
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);

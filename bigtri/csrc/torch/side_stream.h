@@ -10,8 +10,9 @@
 namespace bigtri {
 
 // What is put into stream() runs behind all that is in another stream now, and beside what comes into that one until
-// join(): that waits for it, also where an error ends the scope before. A CUDA graph that captures the other stream captures this too. The calling thread has one
-// such stream for each device, so that no thread's capture meets another thread's work.
+// join(): that waits for it, also where an error ends the scope before. A CUDA graph that captures the other stream
+// captures this too. The calling thread has one such stream for each device, so that no thread's capture meets another
+// thread's work.
 class SideStream {
  public:
   SideStream(const char* op, int device, cudaStream_t beside) : op_(op), beside_(beside) {
