@@ -33,8 +33,8 @@ if str(BENCH) not in sys.path:
 # What some variant on CUDA has as a parameter, where it is built or not.
 PARAMETERS = set(re.findall(r'\bX\((\w+), "', "".join(f.read_text() for f in sorted(CSRC.glob("cuda/*")))))
 
-MODULES = ("best", "cuda_cases", "cuda_clock", "cuda_floor", "cuda_run", "cuda_scaling", "sanitize")
-best, cuda_cases, cuda_clock, cuda_floor, cuda_run, cuda_scaling, sanitize = map(importlib.import_module, MODULES)
+MODULES = ("best", "cuda_cases", "cuda_clock", "cuda_floor", "cuda_run", "cuda_scaling", "gpu_tables", "sanitize")
+best, cuda_cases, cuda_clock, cuda_floor, cuda_run, cuda_scaling, gpu_tables, sanitize = map(importlib.import_module, MODULES)
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 needs_compiler = pytest.mark.skipif(not (shutil.which("c++") or shutil.which("g++")), reason="no C++ compiler")
@@ -820,3 +820,18 @@ def test_gpu_script_goes_on_after_a_failure(tmp_path: Path) -> None:
     assert done.returncode == 1
     summary = (tmp_path / "summary.txt").read_text()
     assert summary.count("FAILED") == len(steps) and done.stdout.endswith(summary)
+
+
+def test_tables_from_rows() -> None:
+    def row(scene: str, variant: str, us: float, views: int = 1) -> dict[str, str]:
+        size = {"width": "256", "height": "256", "views": str(views)}
+        return {"scene": scene, "variant": variant, "triangles": "4072", "us_median": str(us), **size}
+
+    rows = [row("R4k", "auto", 8.5), row("R4k", "memset", 3.0), row("R4k", "two_stage", 11.0), row("R4k", "auto", 40.0, 64)]
+    times = gpu_tables.Times(rows)
+    lines = times.real(["R4k", "R1M"], "64 of 256x256").splitlines()
+    assert len(lines) == 4 and lines[2:] == [
+        "| R4k: a body, seen whole | 4,072 | 8.50 |  |  |  | 40.0 |",
+        "| a memset of the image |  | 3.00 |  |  |  |  |",
+    ]
+    assert "| R4k | 40.0, 1.60M |" in times.batches()

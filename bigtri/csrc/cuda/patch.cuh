@@ -1,7 +1,7 @@
 // A block owns patches of bins, 64 px wide, and each of its warps a region of each: four side by side. Candidates are
-// looked at once for a whole patch, a thread each, and for as many patches at once as there are threads. Hidden surfaces
-// are rejected without sorting, per patch and per region: whatever covers an area completely bounds the depth behind which
-// nothing can be seen.
+// looked at once for a whole patch, a thread each, and for as many patches at once as there are threads. Hidden
+// surfaces are rejected without sorting, per patch and per region: whatever covers an area completely bounds the depth
+// behind which nothing can be seen.
 #pragma once
 
 #include "region.cuh"

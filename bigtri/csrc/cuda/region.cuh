@@ -1,5 +1,5 @@
-// Owned pixels: a warp owns 16x16 px or fewer rows of them, a lane 8 or fewer in registers, and stores each once: no clear,
-// no atomics. Where others draw at the same time, it merges each with one atomic minimum instead.
+// Owned pixels: a warp owns 16x16 px or fewer rows of them, a lane 8 or fewer in registers, and stores each once: no
+// clear, no atomics. Where others draw at the same time, it merges each with one atomic minimum instead.
 #pragma once
 
 #include "fragment.cuh"

@@ -272,17 +272,25 @@ __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
 }
 
 // Draws `count` triangles, at most 32, onto a view of this width that the kernels in front have cleared: rows first,
-// first + 1, ..., first + 31, and so on in steps of `step`, so that several warps can share them. Returns the number of
-// rows. By all lanes.
+// first + 1, ..., first + 31, and so on in steps of `step`, so that several warps can share them. kLeaves: only those of
+// the first triangles, whose bboxes have no more than `most` pixels together; returns the first row that is left, or -1
+// if there is none. By all lanes.
+template <bool kLeaves>
 __device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTriangle* triangles, int count, int first,
-                                         int step, RowShared* s) {
+                                         int step, int most, RowShared* s) {
   const int lane = computed_here(lane_id());
   const unsigned lanes_to_here = (unsigned)computed_here((int)(2u << lane) - 1);
   const bool have = lane < count;
   pixels = kept(pixels);
   int rows = 0;
   if (have) rows = triangles[lane].rows() << cell_bits(triangles[lane]);
-  const int end = warp_sum_up_to(rows), begin = end - rows, total = __shfl_sync(kAllLanes, end, kWarp - 1);
+  const int end = warp_sum_up_to(rows), begin = end - rows;
+  int total = __shfl_sync(kAllLanes, end, kWarp - 1), left = -1;
+  if (kLeaves) {
+    const int boxes = warp_sum_up_to(have ? triangles[lane].rows() * triangles[lane].columns() : 0);
+    const unsigned over = __ballot_sync(kAllLanes, boxes > most);
+    if (over) total = left = __shfl_sync(kAllLanes, begin, __ffs(over) - 1);
+  }
   __syncwarp();
   if (have) s->begin[lane] = begin;
   __syncwarp();
@@ -333,7 +341,7 @@ __device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTr
       draw_pixels<1>(pixels, width, triangles, drawn, pixel_count, pixel, any, lane, lanes_to_here, s);
     __syncwarp();
   }
-  return total;
+  return left;
 }
 
 }  // namespace

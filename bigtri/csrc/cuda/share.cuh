@@ -71,8 +71,8 @@ struct ShareShared {
   WarpShared warp[kWarps];
   Search search[kWay == Way::kTested ? kWarps : 1];
   unsigned clip;  // bit k: triangle k of a share that is drawn together has to be clipped
-  int row_counts[kWarps];  // triangles of each warp that are drawn by rows
-  int box_pixels[kWarps];  // pixels of their bboxes
+  int row_counts[kWarps];  // triangles drawn by rows: together of warp 0; even of each warp that leaves rows to all
+  int next_row[kWarps];  // the first of these rows
   __device__ ShareShared() {}
 };
 static_assert(sizeof(ShareShared<Way::kEven>) <= 48 * 1024, "as much as a block can have without asking");
@@ -144,30 +144,6 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
   return file(part, f.first_triangle + t, view, have, widest, s);
 }
 
-// Notes how many triangles a warp draws by rows, and the pixels of their bboxes. By all lanes.
-template <Way kWay>
-__device__ __forceinline__ void note_rows(ShareShared<kWay>* shared, const WarpShared* s, int warp, int count) {
-  const bool have = lane_id() < count;
-  const int pixels = have ? s->triangle[lane_id()].columns() * s->triangle[lane_id()].rows() : 0;
-  const int all = warp_sum_up_to(pixels);
-  if (lane_id() == kWarp - 1) {
-    shared->row_counts[warp] = count;
-    shared->box_pixels[warp] = all;
-  }
-}
-
-// Whether one warp has so much more to draw than the others that it should not be left alone with it.
-template <int kWarps>
-__device__ __forceinline__ bool are_uneven(const int (&boxes)[kWarps]) {
-  constexpr int kMuch = 2048;
-  int most = 0, all = 0;
-  for (int k = 0; k < kWarps; ++k) {
-    most = max_of(most, boxes[k]);
-    all += boxes[k];
-  }
-  return most > kMuch && most > 2 * (all / kWarps);
-}
-
 // Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
 // warp 0, whose memory is in use.
 template <int kWarps>
@@ -178,13 +154,27 @@ __device__ __forceinline__ unsigned clips_of(unsigned all, int warp) {
   return mine;
 }
 
+// Draws the rows that the block's warps have left, 32 at a time by each warp in turn. By all threads. Rarely called, so
+// that its registers cost the others nothing.
+template <Way kWay>
+__device__ __noinline__ void draw_left(int64_t* pixels, int width, int warp, ShareShared<kWay>* shared) {
+  constexpr int kWarps = block_warps(kWay);
+#pragma unroll 1
+  for (int owner = 0; owner < kWarps; ++owner) {
+    const int count = shared->row_counts[owner], turn = (warp + owner) % kWarps;  // another one begins with each
+    if (count > 0)
+      draw_rows<false>(pixels, width, shared->warp[owner].triangle, count, shared->next_row[owner] + turn * kWarp,
+                       kWarps * kWarp, INT32_MAX, &shared->warp[warp].rows);
+  }
+}
+
 // Sets up a block's share and draws what fits by rows. What is left goes to rest(view, records, their number), which
 // all lanes of a warp call after the kernels in front have ended. Parts of clipped triangles take the same way as whole
 // triangles. projected: the vertices of all views, or null. By all threads of a block.
 template <Way kWay, class Rest>
 __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected, int widest,
                                            ShareShared<kWay>* shared, const Rest& rest) {
-  constexpr bool kTogether = kWay == Way::kTogether;
+  constexpr bool kTogether = kWay == Way::kTogether, kLeaves = kWay == Way::kEven;
   constexpr int kWarps = block_warps(kWay);
   const int warp = computed_here((int)(threadIdx.x / kWarp));
   WarpShared* const s = &shared->warp[warp];
@@ -252,63 +242,43 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
         filed = file(p, f.first_triangle + t, share.view, have, widest, s);
       }
     }
-    // This warp draws triangles of warps owner, ..., owners - 1, and of their rows 32 at first, first + step, ...
-    int owner = warp, owners = warp + 1, first = 0, step = kWarp;
-    bool shared_rows = false;
     if (kTogether) {
       if (threadIdx.x == 0) {
         shared->row_counts[0] = filed.rows;
         shared->clip = clip;
       }
       __syncthreads();
-      shared_rows = true;
-      owner = 0;
-      owners = 1;
       clip = clips_of<kWarps>(shared->clip, warp);
     }
-    if (kWay == Way::kEven) {
-      note_rows(shared, s, warp, filed.rows);
-      __syncthreads();
-      shared_rows = are_uneven(shared->box_pixels);
-      if (shared_rows) {
-        owner = 0;
-        owners = kWarps;
-      }
-    }
-    if (shared_rows) {
-      first = warp * kWarp;
-      step = kWarps * kWarp;
-    }
+    if (kLeaves) shared->row_counts[warp] = 0;
+    bool all_draw = kTogether;  // whether all warps draw warp 0's triangles, and not each its own
 #pragma unroll 1
     for (;;) {
-#pragma unroll 1
-      do {
-        const int count = shared_rows ? shared->row_counts[owner] : filed.rows;
-        if (count == 0) continue;
-        const int rows = draw_rows(pixels, f.view.width, shared->warp[owner].triangle, count, first, step, &s->rows);
-        // The next warp's rows go on where these end.
-        if (kWay == Way::kEven && shared_rows)
-          first = (first - (rows + kWarp - 1) / kWarp * kWarp) & (kWarps * kWarp - 1);
-      } while (++owner < owners);
+      const int count = all_draw ? shared->row_counts[0] : filed.rows;
+      if (count > 0) {
+        const int next = draw_rows<kLeaves>(pixels, f.view.width, shared->warp[all_draw ? 0 : warp].triangle, count,
+                                            all_draw ? warp * kWarp : 0, all_draw ? kWarps * kWarp : kWarp,
+                                            clip ? INT32_MAX : sharing.own_pixels, &s->rows);
+        if (kLeaves && next >= 0) {
+          shared->row_counts[warp] = count;
+          shared->next_row[warp] = next;
+        }
+      }
       if (filed.rest > 0) {
         wait_for_previous();
         rest(share.view, s->records_end() - filed.rest, filed.rest);
       }
-      // After this nobody else reads this warp's memory.
-      if (kWay == Way::kEven && shared_rows) __syncthreads();
       if (!clip) break;
       const int number = __ffs(clip) - 1;
       filed = clip_and_file(
           f, share.view, kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), widest, s);
       clip &= clip - 1;
-      shared_rows = false;
-      owner = warp;
-      first = 0;
-      step = kWarp;
-      owners = warp + 1;
+      all_draw = false;
     }
     __syncwarp();
   } while (kWay == Way::kTested && search->goes_on(end));
+  if constexpr (kLeaves)
+    if (__syncthreads_or(shared->row_counts[warp])) draw_left(pixels, f.view.width, warp, shared);
   wait_for_previous();
 }
 

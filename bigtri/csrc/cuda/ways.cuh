@@ -13,9 +13,9 @@ namespace {
 // What a block does with its share.
 enum class Way {
   kTogether,  // up to 32 triangles, drawn by all warps together, so that a large one does not hold up a warp
-  kEven,  // each warp draws 32 of its own, by boxes (small.cuh) where most are small; the others help a warp that has
-  // far more to draw than they
-  kApart,  // the same, and none helps
+  kEven,  // each warp draws 32 of its own, by boxes (small.cuh) where most are small; if some are large, it leaves a
+  // part of them to all warps of the block, which draw it at the end
+  kApart,  // the same, and none leaves any
   kTested,  // each warp tests many, and draws those that may show, 32 at a time
 };
 
@@ -37,14 +37,15 @@ constexpr Way way_of(int64_t each) {
 
 struct Sharing {
   int each;  // triangles of a block
+  int own_pixels;  // even: of the bboxes of those that a warp draws by rows alone; it leaves what comes after
   int log_neighbours;  // even and apart: log2 of how many of them lie next to each other in the list
   uint32_t blocks;  // of a view, if all draw the same triangles
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
 
 // Pixels of the image, or of all views, for each triangle: up to the first number most triangles cover none, from the
-// second on some may be large, from the third on most.
-constexpr double kTinyPixels = 0.8, kSmallPixels = 16, kLargePixels = 1 << 14;
+// second on some may be large, from the third on many, from the fourth on most.
+constexpr double kTinyPixels = 0.8, kSmallPixels = 16, kMiddlePixels = 64, kLargePixels = 1 << 14;
 inline double pixels_each(const Frame& f) {
   return (double)f.views * f.view.width * f.view.height / (double)max_of<int64_t>(triangles_of_all(f), 1);
 }
@@ -65,11 +66,12 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
   const int64_t total = triangles_of_all(f);
   const double pixels = pixels_each(f);
   if (projected && shows_few(f, resident)) return kOfTested;
-  // Warps need no help where all triangles are small, or where blocks take turns, which evens out what they have to do.
-  if (pixels < kSmallPixels) {
-    if (total > resident * kMostTogether) return kOfApart;
-  } else if (total > resident * (kMostTogether * 3 / 2)) {
-    return total > resident * kOfEven ? kOfApart : kOfEven;
+  if (total > resident * (pixels < kSmallPixels ? kMostTogether : kMostTogether * 3 / 2)) {
+    // None is too large for a warp where all are tiny. Blocks that take many turns, and several views, even out what
+    // there is to do.
+    const bool even = f.views > 1 ? pixels >= kSmallPixels && total <= resident * kOfEven
+                                  : pixels > kTinyPixels && total <= resident * kOfEven * kTurns;
+    return even ? kOfEven : kOfApart;
   }
   int each = 4;
   while (each < kWarp && total > resident * each) each *= 2;
@@ -82,21 +84,25 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
 inline int log_neighbours(const Frame& f, Way way, int64_t resident) {
   // Many turns and many views even out by themselves: as many as the block has, or a warp of those that help each other.
   if (f.views > 1 || triangles_of_all(f) > resident * kOfEven * kTurns) return way == Way::kApart ? 7 : 5;
-  return way == Way::kApart ? 1 : 0;  // a quadrangle's two triangles are mostly neighbours; even is there for balance
+  // A quadrangle's two triangles are mostly neighbours. Where many are large, all of a block are better far apart.
+  return way == Way::kEven && pixels_each(f) >= kMiddlePixels ? 0 : 1;
 }
 static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 
 // Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones. Nor do
 // the blocks of a few triangles, where most of the device has nothing to do. Where an image has many pixels, what waits
 // for blocks that own them takes long to begin.
-constexpr int64_t kFewTriangles = 256;
+constexpr int64_t kFewTriangles = 256, kHugeImage = 1 << 22;  // px
 inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
   if (way == Way::kApart || way == Way::kTested || pixels_each(f) > kLargePixels) return 64;
   if (triangles_of_all(f) <= kFewTriangles && pixels <= 1 << 19) return 96;
-  return pixels > (1 << 22) ? 256 : 192;
+  return pixels > kHugeImage ? 256 : 192;
 }
+
+// Sharing::own_pixels. Below that a warp is sooner done than the others can begin to help.
+inline int own_pixels(const Frame& f) { return (int64_t)f.view.width * f.view.height > kHugeImage ? 4096 : 2048; }
 
 // Shares triangles among blocks. each: triangles of a block as the caller wants, or 0. ranges: memory for the views'
 // ranges, or null. kernel: that of kEven.
@@ -107,6 +113,7 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), block_threads(Way::kEven), 0, &resident));
   s->each = each > 0 ? (int)each : share_size(f, resident, projected);
   s->log_neighbours = log_neighbours(f, way_of(s->each), resident);
+  s->own_pixels = own_pixels(f);
   s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
   s->ranges = ranges;
   *blocks = (int64_t)s->blocks * f.views;
