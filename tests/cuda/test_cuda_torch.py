@@ -146,6 +146,22 @@ def test_threads_with_streams_of_their_own(variant):
                 assert_same(wanted[name], seen, name)
 
 
+def test_threads_that_share_a_stream():
+    """Graphs that are kept of the stream's frames are everybody's, and each thread's frames are others."""
+    wanted = {name: expected(Scene(name)) for name in NAMES}
+    arguments = {name: uploaded(Scene(name)) for name in NAMES}
+    torch.cuda.synchronize()
+
+    def work(name: str) -> list[Visibility]:
+        seen = [bigtri.rasterize(*arguments[name]) for _ in range(40)]
+        return seen[::3]  # what the others had lies free meanwhile
+
+    with concurrent.futures.ThreadPoolExecutor(2 * len(NAMES)) as pool:
+        for name, results in zip(2 * NAMES, pool.map(work, 2 * NAMES), strict=True):
+            for seen in results:
+                assert_same(wanted[name], seen, name)
+
+
 def test_frames_of_many_sizes(variant, path):
     """Kernels that are launched again, with other parameters, grids, outputs, and in other streams."""
     arguments = {name: uploaded(Scene(name)) for name in NAMES}
@@ -253,6 +269,26 @@ def test_graph(name, variant, path):
     for _ in range(20):
         graph.replay()
     assert_same(wanted[2], seen)
+
+
+def test_graphs_of_the_caller_between_frames_that_are_kept():
+    """Frames that are launched as they were, while others are captured; other vertices come into the same memory."""
+    _, triangles, resolution = uploaded(Scene("mixed"))
+    views = views_of("mixed", 3)
+    wanted = cpu_pictures("mixed", views)
+    static = torch.from_numpy(views[0]).to(DEVICE)
+    graphs = []
+    for turn in range(9):
+        static.copy_(torch.from_numpy(views[turn % 3]))
+        for _ in range(4):
+            assert_same(wanted[turn % 3], bigtri.rasterize(static, triangles, resolution), turn)
+        graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph):
+            graphs.append((graph, bigtri.rasterize(static, triangles, resolution)))
+        for again, seen in graphs:
+            seen.packed.zero_()
+            again.replay()
+            assert_same(wanted[turn % 3], seen, turn)
 
 
 @pytest.mark.parametrize("name", ["mixed", "screen_size"])

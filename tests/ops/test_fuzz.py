@@ -281,7 +281,8 @@ def draw(s: Source) -> Call:
     values = s.pick([], [], [], [1], [64, 7], [0], [-1, 3])
     seen = s.pick(None, torch.empty(batch, h, w, dtype=I64)), s.pick(None, torch.empty(batch, h, w))
     made = picture_of(s, batch, h, w)
-    return (positions, triangles, height, width, cull, *surface, values, *made, *seen, torch.empty(batch, dtype=I64)), []
+    dropped, fills = torch.empty(batch, dtype=I64), s.chance(0.5)
+    return (positions, triangles, height, width, cull, *surface, values, *made, *seen, dropped, fills), []
 
 
 # Each operator's arguments are made by the function of its name.

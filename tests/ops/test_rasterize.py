@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import warnings
 
@@ -545,6 +546,43 @@ def test_what_an_operator_is_given():
     refused(P.to_sparse())
     torch.vmap(refused)(P)
     torch.func.grad(refused)(P)
+
+
+ODD_POSITIONS = [
+    *(P, P[None], POSITIONS, P[:0], P[None][:0], P[0], P[0, 0], P[None, None], P[:, :3].contiguous(), None, POSITIONS.tolist()),
+    *(P.double(), P.int(), P.to(torch.complex64), POSITIONS.astype(">f4"), POSITIONS.astype(object), np.asmatrix(POSITIONS)),
+    *(P.t().contiguous().t(), P[:1].expand(3, 4), torch.cat([P[0], P.flatten()])[4:].view(3, 4), np.asfortranarray(POSITIONS)),
+    *(torch._neg_view(P), torch._efficientzerotensor((3, 4)), torch._to_functional_tensor(P), P.as_subclass(Subclass)),
+    *(P.to("meta"), P.to_sparse(), torch.nested.nested_tensor([P, P]), freed(P), freed(P, 8), P * np.inf),
+    *(P.clone().requires_grad_(), torch.nn.Parameter(P.clone(), requires_grad=False)),
+]
+ODD_TRIANGLES = [
+    *(T, TRIANGLES, READ_ONLY, T[:0], T[0], T[None], T.repeat(1, 2)[:, :4], T.long(), T.float(), T - 1, T + 1, T + 2**31 - 3, P),
+    *(T.repeat(1, 2)[:, ::2], T[:, :1].expand(1, 3), T.to("meta"), T.to_sparse(), freed(T), freed(T, 8), T.as_subclass(Subclass)),
+]
+
+
+@pytest.mark.filterwarnings("ignore:bigtri.rasterize. positions requires grad")
+@pytest.mark.skipif(not native.available(), reason="the extension is not built")
+@pytest.mark.parametrize(
+    "options", [{}, {"cull": "back", "scissor": (4, 0, 9, 4), "depth": False, "precision": "fast"}, {"precision": "nothing"}]
+)
+def test_the_short_way_of_a_call_does_what_the_long_one_does(options, monkeypatch):
+    """Whatever comes: the same bits, in the same kind of array, or the same error."""
+
+    def outcome(positions, triangles):
+        try:
+            seen = bigtri.rasterize(positions, triangles, (8, 9), **options)
+        except (TypeError, ValueError, RuntimeError) as error:
+            return type(error), str(error)
+        return [None if field is None else (type(field), *field.shape, np.asarray(field).tobytes()) for field in seen]
+
+    pairs = [(positions, T) for positions in ODD_POSITIONS] + [(P, triangles) for triangles in ODD_TRIANGLES]
+    short = [outcome(*pair) for pair in pairs]
+    monkeypatch.setattr(importlib.import_module("bigtri.ops.rasterize"), "_rasterize_new", None)
+    monkeypatch.setattr(importlib.import_module("bigtri.ops.rasterize"), "_draw_as_is", lambda *given: None)
+    for pair, found in zip(pairs, short, strict=True):
+        assert outcome(*pair) == found, pair
 
 
 @pytest.mark.skipif(not native.available(), reason="the extension is not built")

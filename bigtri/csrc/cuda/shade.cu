@@ -72,7 +72,7 @@ cudaError_t blocks_of(Kernel kernel, int64_t warps, int* blocks) {
   return blocks_for(kernel, kShadeThreads, 0, (warps + kShadeWarps - 1) / kShadeWarps, 0, blocks);
 }
 
-// Calls launch(job, work) for as many views at once as there are words for, until all have been.
+// Calls launch(job, work) for views_at_once() views at a time, until all have been.
 template <class Launch>
 cudaError_t in_parts(const Shading& given, const Work& all, const Launch& launch) {
   for (int64_t view = 0; view < given.views; view += views_at_once(given)) {

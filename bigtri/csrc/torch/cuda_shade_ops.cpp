@@ -88,7 +88,7 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
                   bool fills) {
   const char* op = "draw";
   Frame frame = {};
-  frame.view = viewport(op, height, width, cull, {0, 0, width, height});
+  frame.view = viewport(op, height, width, cull);
   const CudaRung& rung = find_rung(op, kCudaRungs, precision);
   const CudaVariant& variant = **rung.variants;
   const int device = device_of({&positions, &triangles, &image});

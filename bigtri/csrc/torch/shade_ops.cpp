@@ -91,7 +91,7 @@ void draw_op(const Tensor& positions, const Tensor& triangles, int64_t height, i
              const std::optional<Tensor>& linear, const std::optional<Tensor>& packed,
              const std::optional<Tensor>& depth, const Tensor& dropped, [[maybe_unused]] bool fills) {
   const char* op = "draw";
-  const Viewport view = viewport(op, height, width, cull, {0, 0, width, height});
+  const Viewport view = viewport(op, height, width, cull);
   const CpuRung& rung = find_rung(op, kCpuRungs, precision);
   const Variant& variant = **rung.variants;
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
