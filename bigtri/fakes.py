@@ -80,6 +80,10 @@ OPERATORS: dict[str, _Operator] = {
         }
     ),
     "rasterize_new": _Operator({"positions": (2, 3), "triangles": 2}, _visibility),
+    "rasterize_into": _Operator(
+        {"positions": (2, 3), "triangles": 2, "packed": "positions", "depth": "positions"},
+        lambda a: a["positions"].new_empty(a["positions"].shape[:-2], dtype=torch.int64),
+    ),
     "setup": _Operator({"positions": 2, "triangles": 2}, _records),
     "binning": _Operator({"xy": 3, "bbox": 2}, _bins),
     "tile_mask": _Operator({"xy": 3, "bbox": 2, "queue": 2}, _masks),

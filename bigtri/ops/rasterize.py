@@ -17,8 +17,9 @@ from ..reference.numerics import BACKGROUND
 from . import arguments, memory, tuned
 from .arguments import Array
 
-# The operator that draws into new memory. None where the extension is not built.
+# The operators that draw into new memory and into given memory. None where the extension is not built.
 _rasterize_new = torch.ops.bigtri.rasterize_new.default if native.available() else None
+_rasterize_into = torch.ops.bigtri.rasterize_into.default if native.available() else None
 _AUTO, _NATIVE, _NONE, _EXACT = "auto", "native", "none", DEFAULT
 
 # packed is (depth bits << 32) | triangle: the low half of each int64 is the triangle, and -1 on the background.
@@ -109,10 +110,9 @@ def rasterize(
         and ranges is None
         and (validate is None or validate is False)
         and (depth is True or depth is False)
-        and out is None
-        and depth_out is None
+        and (depth_out is None or (depth and out is not None))
     ):
-        drawn = _draw_new(op, positions, triangles, height, width, precision, cull, box, depth)
+        drawn = _draw_standard(op, positions, triangles, height, width, precision, cull, box, depth, out, depth_out)
         if drawn is not None:
             return drawn
 
@@ -185,7 +185,7 @@ def _result(positions: Array, packed: torch.Tensor, image: torch.Tensor | None, 
     return Visibility(packed, image, dropped)
 
 
-def _draw_new(
+def _draw_standard(
     op: str,
     positions: Array,
     triangles: Array,
@@ -195,18 +195,34 @@ def _draw_new(
     cull: str,
     box: tuple[int, int, int, int] | None,
     depth: bool,
+    out: Array | None,
+    depth_out: Array | None,
 ) -> Visibility | None:
-    """Draw with the standard variant of the native backend into new memory; None where that cannot be, and nothing is drawn.
+    """Draw with the standard variant of the native backend; None where that cannot be, and nothing is drawn.
 
     Most calls are like that, and all checks of ``rasterize`` take longer than drawing a small picture. The operator checks what
     they check. Only its texts are others, so they are not shown: the caller goes on to the checks.
     """
-    if _rasterize_new is None or tuned.tables or native.parameters_are_set() or torch.compiler.is_compiling():
+    if _rasterize_new is None or _rasterize_into is None or tuned.tables or native.parameters_are_set() or torch.compiler.is_compiling():
         return None
     try:
         clip, faces = arguments.for_operator(positions, torch.float32), arguments.for_operator(triangles, torch.int32)
         if clip is None or faces is None:
             return None
+        if out is not None:
+            packed, image = arguments.as_is(out, torch.int64), None
+            if depth_out is not None:
+                image = arguments.as_is(depth_out, torch.float32)
+            elif depth:
+                image = memory.new(clip, (*clip.shape[:-2], height, width), torch.float32)
+            if packed is None or (depth and image is None):
+                return None
+            if precision is _EXACT and cull is _NONE and box is None:
+                dropped = _rasterize_into(clip, faces, height, width, packed, image)
+            else:
+                rung = arguments.check_precision(op, precision).name
+                dropped = _rasterize_into(clip, faces, height, width, packed, image, cull, box, rung)
+            return _result(positions, packed, image, dropped)
         if not clip.is_cuda:
             views = len(clip) if clip.ndim == 3 else 1
             if not clip.is_cpu or views * height * width * 8 >= memory.SMALLEST:  # of large ones the memory is not torch's
@@ -236,7 +252,7 @@ def _draw_as_is(
 ) -> Visibility | None:
     """Draw with the native backend where the operator takes everything as it came; else None, and nothing is written.
 
-    As with ``_draw_new`` the operator checks the tensors.
+    As with ``_draw_standard`` the operator checks the tensors.
     """
     if torch.compiler.is_compiling():
         return None

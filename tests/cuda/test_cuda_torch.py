@@ -332,6 +332,10 @@ def test_opcheck(variant):
     if variant == VARIANTS[0]:
         whole = *given[:4], "none", None, "exact", True
         torch.library.opcheck(torch.ops.bigtri.rasterize_new, whole, {}, test_utils=utilities)
+        packed, depth, _ = torch.ops.bigtri.rasterize_new(*whole)
+        torch.library.opcheck(
+            torch.ops.bigtri.rasterize_into, (*given[:4], torch.empty_like(packed), depth), {}, test_utils=utilities
+        )
 
 
 def test_inputs_that_require_grad(variant, path):

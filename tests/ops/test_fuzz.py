@@ -168,6 +168,15 @@ def rasterize_new(s: Source) -> Call:
     return (*s.mesh(*batch), height, width, cull, s.pick(None, scissor), rung(s), with_depth), outputs
 
 
+def rasterize_into(s: Source) -> Call:
+    batch = s.pick((), (s.size(3),))
+    height, width, cull, scissor = s.view()
+    h, w = (v if 0 <= v <= 64 else 8 for v in (height, width))
+    image = (*batch, h, w)
+    outputs = torch.empty(image, dtype=I64), s.pick(None, torch.empty(image))
+    return (*s.mesh(*batch), height, width, *outputs, cull, s.pick(None, scissor), rung(s)), [(batch, I64)]
+
+
 def setup(s: Source) -> Call:
     n = None
     shapes = [((n,), I32), ((n, 3, 2), I32), ((n, 3), F32), ((n,), I64), ((n, 4), I32), ((n, 3), F64), ((n, 3), I32)]

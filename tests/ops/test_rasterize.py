@@ -580,6 +580,7 @@ def test_the_short_way_of_a_call_does_what_the_long_one_does(options, monkeypatc
     pairs = [(positions, T) for positions in ODD_POSITIONS] + [(P, triangles) for triangles in ODD_TRIANGLES]
     short = [outcome(*pair) for pair in pairs]
     monkeypatch.setattr(importlib.import_module("bigtri.ops.rasterize"), "_rasterize_new", None)
+    monkeypatch.setattr(importlib.import_module("bigtri.ops.rasterize"), "_rasterize_into", None)
     monkeypatch.setattr(importlib.import_module("bigtri.ops.rasterize"), "_draw_as_is", lambda *given: None)
     for pair, found in zip(pairs, short, strict=True):
         assert outcome(*pair) == found, pair

@@ -68,6 +68,10 @@ def arguments(op: str) -> tuple:
             *(torch.zeros(shape, dtype=torch.int64) for shape in map_shapes(height, width)),
         ),
         "rasterize_new": (positions[None], triangles, height, width, "none", None, "exact", True),
+        "rasterize_into": (
+            *(positions[None], triangles, height, width, torch.empty_like(packed), torch.empty(packed.shape)),
+            *("none", None, "exact"),
+        ),
         "setup": (positions, triangles, height, width, "none", [0, 0, width, height], "exact"),
         "binning": (xy, bbox, 4000, "exact"),
         "tile_mask": (xy, bbox, queue, "exact"),
@@ -130,7 +134,7 @@ def test_the_operator_takes_one_view_or_several():
         call("rasterize", (one[0][0], *one[1:]))
 
 
-def test_the_operator_with_new_memory_draws_the_same():
+def test_the_operators_with_new_and_given_memory_draw_the_same():
     positions, triangles, _ = tensors()
     for views, scissor, cull in itertools.product(
         (positions, torch.stack([positions, -positions])), (None, [3, 2, 30, 20]), CULLS
@@ -144,6 +148,11 @@ def test_the_operator_with_new_memory_draws_the_same():
         assert all(torch.equal(a, b) for a, b in zip(outputs, (packed, depth, dropped), strict=True))
         packed, depth, dropped = call("rasterize_new", (views, triangles, height, width, cull, scissor, "exact", False))
         assert torch.equal(packed, outputs[0]) and depth is None and torch.equal(dropped, outputs[2])
+        for depth in (torch.full(shape, 7.0), None):
+            packed = torch.full(shape, 7)
+            dropped = call("rasterize_into", (views, triangles, height, width, packed, depth, cull, scissor, "exact"))
+            assert torch.equal(packed, outputs[0]) and torch.equal(dropped, outputs[2])
+            assert depth is None or torch.equal(depth, outputs[1])
     assert packed.unique().numel() > 2
 
 
@@ -166,6 +175,25 @@ def test_the_operator_with_new_memory_checks_its_arguments(place, value, wanted)
     given[place] = value
     with pytest.raises(RuntimeError, match=f"bigtri::rasterize: {wanted}"):
         call("rasterize_new", tuple(given))
+    outputs = torch.full((33, 47), 7), torch.full((33, 47), 7.0)
+    with pytest.raises(RuntimeError, match=f"bigtri::rasterize: {wanted}"):
+        call("rasterize_into", (*given[:4], *outputs, *given[4:7]))
+    assert all(bool((output == 7).all()) for output in outputs)
+
+
+def test_the_operator_with_given_memory_checks_it():
+    positions, triangles, _ = tensors()
+    packed, depth = torch.full((33, 47), 7), torch.full((33, 47), 7.0)
+    for outputs, wanted in (
+        ((packed[:-1], depth), r"packed must be .*, int64 \[height, width\], got Long \[32, 47\]"),
+        ((packed.int(), None), r"packed must be .*, got Int \[33, 47\]"),
+        ((packed, depth.double()), r"depth must be .*, float32 \[height, width\], got Double"),
+        ((packed, packed.view(torch.float32)[:, :47]), "depth must be"),
+        ((packed, packed.view(-1).view(torch.float32)[: 33 * 47].view(33, 47)), "depth must not share memory with packed"),
+    ):
+        with pytest.raises(RuntimeError, match=f"bigtri::rasterize: {wanted}"):
+            call("rasterize_into", (positions, triangles, 33, 47, *outputs, "none", None, "exact"))
+    assert (packed == 7).all() and (depth == 7).all()
 
 
 def test_the_attribute_operators_take_one_view_or_several():

@@ -64,7 +64,7 @@ def written(path: Path, *scenes: Measured, name: str | None = None, build: str |
 def drawn(monkeypatch):
     """The variant and the values of its parameters of every call of the operators."""
     seen = []
-    real, real_new = torch.ops.bigtri.rasterize.default, module._rasterize_new
+    real, real_new, real_into = torch.ops.bigtri.rasterize.default, module._rasterize_new, module._rasterize_into
 
     class Operator:
         @staticmethod
@@ -75,6 +75,10 @@ def drawn(monkeypatch):
     def new(*given):
         seen.append((STANDARD, []))
         return real_new(*given)
+
+    def into(*given):
+        seen.append((STANDARD, []))
+        return real_into(*given)
 
     class Operators:
         rasterize = Operator
@@ -88,6 +92,7 @@ def drawn(monkeypatch):
 
     monkeypatch.setattr(module, "torch", Torch())
     monkeypatch.setattr(module, "_rasterize_new", new)
+    monkeypatch.setattr(module, "_rasterize_into", into)
     return seen
 
 

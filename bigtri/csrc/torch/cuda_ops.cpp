@@ -67,6 +67,23 @@ NewResults rasterize_new_cuda_op(const Tensor& positions, const Tensor& triangle
   return made;
 }
 
+Tensor rasterize_into_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                              const Tensor& packed, const std::optional<Tensor>& depth, const std::string& cull,
+                              const std::optional<std::vector<int64_t>>& scissor, const std::string& precision) {
+  const char* op = "rasterize";
+  const CudaVariant& standard = *find_rung(op, kCudaRungs, precision).variants[0];
+  Frame frame = {};
+  frame.view = scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
+  const int device = device_of_positions(positions);
+  const int32_t views = checked_views(device, positions, triangles, std::nullopt);
+  check_count(op, "triangles", triangles.size(0));
+  const Tensor dropped = new_dropped(device, positions);
+  check_results(device, views, positions, triangles, height, width, std::nullopt, packed, depth, dropped);
+  set_tensors(&frame, views, positions, triangles, std::nullopt, packed, depth, dropped);
+  enqueue(op, standard, frame, standard_values(standard), device);
+  return dropped;
+}
+
 }  // namespace
 }  // namespace bigtri
 
@@ -78,6 +95,7 @@ STABLE_TORCH_LIBRARY_FRAGMENT(bigtri, m) {
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CUDA, m) {
   m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_cuda_op));
   m.impl("rasterize_new", TORCH_BOX(&bigtri::rasterize_new_cuda_op));
+  m.impl("rasterize_into", TORCH_BOX(&bigtri::rasterize_into_cuda_op));
 }
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {

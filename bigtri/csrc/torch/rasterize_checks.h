@@ -68,11 +68,15 @@ inline void check_results(int device, int64_t views, const Tensor& positions, co
 using NewResults = std::tuple<Tensor, std::optional<Tensor>, Tensor>;  // packed, depth, dropped
 
 // Memory for the results, on `device`, from inputs that are checked.
+inline Tensor new_dropped(int device, const Tensor& positions) {
+  const int64_t views[] = {positions.size(0)};
+  return empty(Sizes(views, positions.dim() == 2 ? 0 : 1), ScalarType::Long, device);
+}
 inline NewResults new_results(int device, const Tensor& positions, int64_t height, int64_t width, bool depth) {
   const int64_t shape[] = {positions.size(0), height, width};  // without the first where there is one view
   const size_t single = positions.dim() == 2 ? 1 : 0;
-  const Sizes image(shape + single, 3 - single), views(shape, 1 - single);
-  NewResults made = {empty(image, ScalarType::Long, device), std::nullopt, empty(views, ScalarType::Long, device)};
+  const Sizes image(shape + single, 3 - single);
+  NewResults made = {empty(image, ScalarType::Long, device), std::nullopt, new_dropped(device, positions)};
   if (depth) std::get<1>(made) = empty(image, ScalarType::Float, device);
   return made;
 }

@@ -95,6 +95,23 @@ NewResults rasterize_new_op(const Tensor& positions, const Tensor& triangles, in
   return made;
 }
 
+Tensor rasterize_into_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                         const Tensor& packed, const std::optional<Tensor>& depth, const std::string& cull,
+                         const std::optional<std::vector<int64_t>>& scissor, const std::string& precision) {
+  const char* op = "rasterize";
+  const Viewport view = scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
+  const Variant& standard = *find_rung(op, kCpuRungs, precision).variants[0];
+  const int32_t views = checked_views(kCpu, positions, triangles, std::nullopt);
+  const Tensor dropped = new_dropped(kCpu, positions);
+  check_results(kCpu, views, positions, triangles, height, width, std::nullopt, packed, depth, dropped);
+  const Parallel parallel = torch_threads();
+  CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(-2));
+  set_tensors(&frame, views, positions, triangles, std::nullopt, packed, depth, dropped);
+  frame.view = view;
+  standard.draw(frame, parallel, standard_values(standard).data());
+  return dropped;
+}
+
 bool has_isa(std::string name) {
   Isa isa;
   return find_isa(name, &isa);
@@ -143,6 +160,11 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
   m.def(
       "rasterize_new(Tensor positions, Tensor triangles, int height, int width, str cull='none', int[]? scissor=None, "
       "str precision='exact', bool depth=True) -> (Tensor packed, Tensor? depth_image, Tensor dropped)");
+  // The same into memory that the caller gives. Returns what is dropped.
+  m.def(
+      "rasterize_into(Tensor positions, Tensor triangles, int height, int width, Tensor(a!) packed, Tensor(b!)? "
+      "depth=None, "
+      "str cull='none', int[]? scissor=None, str precision='exact') -> Tensor");
   m.def("has_isa(str name) -> bool");
   m.def("isa() -> str");
   m.def("set_isa(str name) -> ()");
@@ -193,6 +215,7 @@ STABLE_TORCH_LIBRARY_IMPL(bigtri, CPU, m) {
   m.impl("rasterize", TORCH_BOX(&bigtri::rasterize_op));
   m.impl("map_work", TORCH_BOX(&bigtri::map_work_op));
   m.impl("rasterize_new", TORCH_BOX(&bigtri::rasterize_new_op));
+  m.impl("rasterize_into", TORCH_BOX(&bigtri::rasterize_into_op));
 }
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
