@@ -203,7 +203,13 @@ def _draw_standard(
     Most calls are like that, and all checks of ``rasterize`` take longer than drawing a small picture. The operator checks what
     they check. Only its texts are others, so they are not shown: the caller goes on to the checks.
     """
-    if _rasterize_new is None or _rasterize_into is None or tuned.tables or native.parameters_are_set() or torch.compiler.is_compiling():
+    if (
+        _rasterize_new is None
+        or _rasterize_into is None
+        or tuned.tables
+        or native.parameters_are_set()
+        or torch.compiler.is_compiling()
+    ):
         return None
     try:
         clip, faces = arguments.for_operator(positions, torch.float32), arguments.for_operator(triangles, torch.int32)
