@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from .. import native, reference
 from ..choices import CULLS
@@ -13,9 +15,10 @@ from ..ops import arguments
 from ..ops.arguments import Array
 from ..ops.rasterize import check_indices
 from ..precision import DEFAULT, Arithmetic, Precision
+from ..reference.numerics import TILE
 from ..reference.variants import MODELS
 from ..reference.work import Job, without_empty
-from ..reference.work_map import Places
+from ..reference.work_map import Places, levels_of
 
 Scissor = tuple[int, int, int, int]
 LARGEST = ("most_work",)  # of views and tasks the largest counts, where other counters are sums
@@ -53,32 +56,21 @@ def count(
             none that counts.
     """
     op = "count"
-    chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "device", device, ("cpu", "cuda"))
-    on_cuda = chosen == "native" and device == "cuda"
-    if on_cuda and "cuda" not in native.devices():
-        raise RuntimeError("bigtri.count: device='cuda' needs a CUDA device, and the extension built for CUDA")
-    arguments.check_choice(op, "variant", variant, native.VARIANTS["cuda"] if on_cuda else tuple(MODELS))
+    backend, device = choose_where(op, backend, device, variant)
     scene = Scene.checked(op, positions, triangles, resolution, precision, cull, scissor, (2, 3))
     clip, faces, (height, width), arithmetic, _, box = scene
-    if chosen == "reference":
-        total: dict[str, int] = {}
-        for view in clip if clip.ndim == 3 else clip[None]:
-            counts, _ = modelled(op, scene._replace(clip=view), variant, parameters)
-            for name, n in counts.items():
-                total[name] = max(total.get(name, 0), n) if name in LARGEST else total.get(name, 0) + n
-        return total
-    arguments.check_compiled(op, arithmetic, device)
-    known = native.REGISTRY[device][arithmetic.name]
-    arguments.check_choice(op, "variant", variant, tuple(known))
-    counters = torch.zeros(len(native.COUNTERS), dtype=torch.int64, device=device)
-    chosen_values = native.parameter_values(op, known[variant], parameters)
-    packed = torch.empty((*clip.shape[:-2], height, width), dtype=torch.int64, device=device)
-    dropped = torch.empty(clip.shape[:-2], dtype=torch.int64, device=device)
-    placed = clip.to(device), faces.to(device)
-    drawing = (*placed, height, width, cull, box, variant, arithmetic.name, 1, chosen_values, None, None)
+    views = (scene._replace(clip=view) for view in (clip if clip.ndim == 3 else clip[None]))
+    if backend == "reference":
+        return _of_all(modelled(op, view, variant, parameters)[0] for view in views)
+    if device == "cuda":
+        return _of_all(drawn_on_cuda(op, view, variant, parameters).counters for view in views)
+    counters = torch.zeros(len(native.COUNTERS), dtype=torch.int64)
+    packed = torch.empty((*clip.shape[:-2], height, width), dtype=torch.int64)
+    dropped = torch.empty(clip.shape[:-2], dtype=torch.int64)
+    values = chosen_values(op, scene, variant, parameters, device)
+    drawing = (clip, faces, height, width, cull, box, variant, arithmetic.name, 1, values, None, None)
     torch.ops.bigtri.rasterize(*drawing, packed, None, dropped, counters)
-    return {name: int(n) for name, n in zip(native.COUNTERS, counters, strict=True) if n}
+    return by_name(counters)
 
 
 class Scene(NamedTuple):
@@ -119,6 +111,75 @@ class Scene(NamedTuple):
         arguments.check_size(op, "triangles", faces, 1, 3, "corners")
         check_indices(op, faces, clip.shape[-2])
         return cls(clip, faces, (height, width), arithmetic, cull, box)
+
+
+def choose_where(op: str, backend: str, device: str, variant: str) -> tuple[str, str]:
+    """The backend, and the device that it draws on, with a variant that is known there.
+
+    Raises:
+        ValueError, RuntimeError: as ``count``.
+    """
+    chosen = arguments.choose_backend(op, backend)
+    arguments.check_choice(op, "device", device, ("cpu", "cuda"))
+    on_cuda = chosen == "native" and device == "cuda"
+    if on_cuda and "cuda" not in native.devices():
+        raise RuntimeError(f"bigtri.{op}: device='cuda' needs a CUDA device, and the extension built for CUDA")
+    arguments.check_choice(op, "variant", variant, native.VARIANTS["cuda"] if on_cuda else tuple(MODELS))
+    return chosen, "cuda" if on_cuda else "cpu"
+
+
+def chosen_values(op: str, scene: Scene, variant: str, parameters: Mapping[str, int] | None, device: str) -> list[int]:
+    """The variant's parameters, for the operators.
+
+    Raises:
+        ValueError, RuntimeError: as ``count``.
+    """
+    arguments.check_compiled(op, scene.arithmetic, device)
+    known = native.REGISTRY[device][scene.arithmetic.name]
+    arguments.check_choice(op, "variant", variant, tuple(known))
+    return native.parameter_values(op, known[variant], parameters)
+
+
+class OnCuda(NamedTuple):
+    """What kernels that count say of a view."""
+
+    counters: dict[str, int]  # those that are not 0
+    fragments: NDArray[np.int64]  # [64 rows, 64 columns], of bins: those offered to each pixel
+    blocks: NDArray[np.int64]  # [N]: those that each block of the kernel offered
+
+
+def drawn_on_cuda(op: str, scene: Scene, variant: str, parameters: Mapping[str, int] | None) -> OnCuda:
+    """One view, drawn by kernels that count.
+
+    Raises:
+        ValueError, RuntimeError: as ``count``.
+    """
+    clip, faces, (height, width), arithmetic, cull, box = scene
+    values = chosen_values(op, scene, variant, parameters, "cuda")
+    image = [TILE * size for size in levels_of(height, width)[0]]
+    room = 1024
+    while True:
+        shapes = (height, width), (), [len(native.COUNTERS)], image, [0], [room]
+        outputs = [torch.zeros(shape, dtype=torch.int64, device="cuda") for shape in shapes]
+        drawing = (clip.cuda(), faces.cuda(), height, width, cull, box, variant, arithmetic.name, values)
+        torch.ops.bigtri.map_work(*drawing, *outputs)
+        _, _, counters, fragments, _, blocks = (output.cpu() for output in outputs)
+        if blocks.sum() == fragments.sum():  # else the kernel has more blocks
+            return OnCuda(by_name(counters), fragments.numpy(), blocks.numpy())
+        room *= 8
+
+
+def by_name(counters: torch.Tensor) -> dict[str, int]:
+    """Counters as the operators write them, those that are not 0."""
+    return {name: int(n) for name, n in zip(native.COUNTERS, counters, strict=True) if n}
+
+
+def _of_all(views: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    total: dict[str, int] = {}
+    for counts in views:
+        for name, n in counts.items():
+            total[name] = max(total.get(name, 0), n) if name in LARGEST else total.get(name, 0) + n
+    return total
 
 
 def modelled(op: str, scene: Scene, variant: str, parameters: Mapping[str, int] | None) -> tuple[dict[str, int], Places]:

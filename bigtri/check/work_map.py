@@ -10,13 +10,11 @@ import torch
 from numpy.typing import NDArray
 
 from .. import native
-from ..ops import arguments
 from ..ops.arguments import Array
 from ..precision import DEFAULT, Precision
 from ..reference.numerics import TILE
-from ..reference.variants import MODELS
 from ..reference.work_map import levels_of
-from .counters import Scene, Scissor, modelled
+from .counters import Scene, Scissor, by_name, choose_where, chosen_values, drawn_on_cuda, modelled
 
 
 class WorkMap(NamedTuple):
@@ -25,18 +23,20 @@ class WorkMap(NamedTuple):
     counters: dict[str, int]  # of csrc/core/counters.h, those that are not 0, of the same drawing
     fragments: NDArray[np.int64]  # [64 rows, 64 columns], of bins: the fragments offered to each pixel
     # Edge values by the square that they were computed for: tiles of 8 px, squares twice as wide, and so on up to one that
-    # holds all bins; [down, across] each.
-    edges: tuple[NDArray[np.int64], ...]
-    tasks: NDArray[np.int64]  # [N]: edge values and fragments of each task that drew, the most first
+    # holds all bins; [down, across] each. None: of CUDA, where they are not counted.
+    edges: tuple[NDArray[np.int64], ...] | None
+    # [N]: edge values and fragments of each task that drew, the most first; on CUDA fragments alone, of each block that
+    # offered any.
+    tasks: NDArray[np.int64]
 
     def by_tile(self) -> NDArray[np.float64]:
-        """float64 [8 rows, 8 columns]: edge values and fragments in each tile of 8x8 px.
+        """float64 [8 rows, 8 columns]: edge values, where they are counted, and fragments in each tile of 8x8 px.
 
         What was computed for a wider square is spread evenly over its tiles, so the sum is that of the counters.
         """
         down, across = (size // TILE for size in self.fragments.shape)
         work = self.fragments.reshape(down, TILE, across, TILE).sum(axis=(1, 3)).astype(np.float64)
-        for level, edges in enumerate(self.edges):
+        for level, edges in enumerate(self.edges or ()):
             wide = 1 << level  # tiles
             rows, columns = (np.minimum(wide, n - wide * np.arange(-(-n // wide))) for n in (down, across))
             even = edges / np.outer(rows, columns)
@@ -51,42 +51,51 @@ def map_work(
     *,
     variant: str,
     backend: str = "auto",
+    device: str = "cpu",
     precision: str | Precision = DEFAULT,
     cull: str = "none",
     scissor: Scissor | None = None,
     parameters: Mapping[str, int] | None = None,
 ) -> WorkMap:
-    """Where a variant of the CPU does what ``counters.count`` counts, in one view.
+    """Where a variant does what ``counters.count`` counts, in one view.
 
     Args:
         positions, triangles, resolution, cull, scissor, precision: as for ``rasterize``; positions [V, 4], on the CPU.
-        variant: one of ``bigtri.native.VARIANTS["cpu"]``.
+        variant: one of ``bigtri.native.VARIANTS[device]``.
         backend: "native" draws with the build that counts, "reference" works it out from the stages; "auto". With one thread
             both have the same.
+        device: where the native backend draws: "cpu", or "cuda", if it was built with ``BIGTRI_CUDA_COUNTING=1``. There
+            fragments are counted, and edge values are not (docs/variants.md).
         parameters: values of the variant's parameters by name, instead of the standard ones.
 
     Raises:
         TypeError, ValueError: an argument of another dtype, shape or value; the text names it.
-        RuntimeError: the extension is not built; an index in ``triangles`` is out of range; the rung's work is not counted.
+        RuntimeError: the extension is not built; an index in ``triangles`` is out of range; the rung's work is not counted;
+            there is no CUDA device, or none that counts.
     """
     op = "map_work"
-    chosen = arguments.choose_backend(op, backend)
-    arguments.check_choice(op, "variant", variant, tuple(MODELS))
+    backend, device = choose_where(op, backend, device, variant)
     scene = Scene.checked(op, positions, triangles, resolution, precision, cull, scissor, 2)
-    if chosen == "reference":
+    if backend == "reference":
         counts, places = modelled(op, scene, variant, parameters)
         return WorkMap(counts, places.fragments, places.edges, np.sort(places.tasks)[::-1])
-    return _drawn(op, scene, variant, parameters)
+    return (_drawn_on_cuda if device == "cuda" else _drawn)(op, scene, variant, parameters)
+
+
+def _drawn_on_cuda(op: str, scene: Scene, variant: str, parameters: Mapping[str, int] | None) -> WorkMap:
+    """The map of kernels that count. A task is a block."""
+    counts, fragments, blocks = drawn_on_cuda(op, scene, variant, parameters)
+    tasks = np.sort(blocks[blocks > 0])[::-1]
+    if len(tasks):
+        counts |= {"tasks": len(tasks), "work": int(tasks.sum()), "most_work": int(tasks[0])}
+    return WorkMap(counts, fragments, None, tasks)
 
 
 def _drawn(op: str, scene: Scene, variant: str, parameters: Mapping[str, int] | None) -> WorkMap:
-    """The map of the build that counts."""
+    """The map of the CPU's build that counts."""
     clip, faces, (height, width), arithmetic, cull, box = scene
-    arguments.check_compiled(op, arithmetic, "cpu")
-    known = native.REGISTRY["cpu"][arithmetic.name]
-    arguments.check_choice(op, "variant", variant, tuple(known))
     drawing = (clip, faces, height, width, cull, box, variant, arithmetic.name)
-    values = native.parameter_values(op, known[variant], parameters)
+    values = chosen_values(op, scene, variant, parameters, "cpu")
     levels = levels_of(height, width)
     sizes = [down * across for down, across in levels]
     image = [TILE * size for size in levels[0]]
@@ -97,7 +106,7 @@ def _drawn(op: str, scene: Scene, variant: str, parameters: Mapping[str, int] | 
         shapes = [len(native.COUNTERS)], image, [sum(sizes)], [room]
         counters, fragments, edges, tasks = (torch.zeros(shape, dtype=torch.int64) for shape in shapes)
         torch.ops.bigtri.map_work(*drawing, values, packed, dropped, counters, fragments, edges, tasks)
-        counts = {name: int(n) for name, n in zip(native.COUNTERS, counters, strict=True) if n}
+        counts = by_name(counters)
         if (count := counts.get("tasks", 0)) <= room:
             break
         room = count

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from operators import call
 import bigtri
 from bigtri import native, reference
 from bigtri.check import counters, stages
+from bigtri.check.work_map import map_work
 from bigtri.precision import PRECISIONS, RUNGS
 from bigtri.reference.variants import MODELS, Model
 
@@ -327,10 +329,11 @@ def test_what_nothing_serves_yet_is_refused_by_name() -> None:
             call("rasterize", (*values, "bin_owned", "exact", samples, [], None, behind, *outputs))
 
 
-def test_counting_on_cuda_needs_a_device() -> None:
+@pytest.mark.parametrize("ask", [counters.count, map_work])
+def test_counting_on_cuda_needs_a_device(ask: Callable[..., Any]) -> None:
     mesh = np.zeros((3, 4), np.float32), np.array([[0, 1, 2]], np.int32), (8, 8)
     with pytest.raises(ValueError, match="device must be one of 'cpu', 'cuda', got 'gpu'"):
-        counters.count(*mesh, variant="scanline", device="gpu")
+        ask(*mesh, variant="scanline", device="gpu")
     if "cuda" not in native.devices():
         with pytest.raises(RuntimeError, match="device='cuda' needs a CUDA device"):
-            counters.count(*mesh, variant="scanline", device="cuda", backend="native")
+            ask(*mesh, variant="scanline", device="cuda", backend="native")

@@ -62,6 +62,7 @@ def in_the_last_corner() -> Case:
 def assert_same(a: WorkMap, b: WorkMap) -> None:
     assert a.counters == b.counters
     assert np.array_equal(a.fragments, b.fragments)
+    assert a.edges is not None and b.edges is not None
     for level, (mine, yours) in enumerate(zip(a.edges, b.edges, strict=True)):
         assert np.array_equal(mine, yours), TILE << level
     assert np.array_equal(a.tasks, b.tasks)
@@ -99,7 +100,7 @@ def test_the_sums_are_the_counters(name: str, variant: str) -> None:
         with threads(count):
             work = map_work(*case, variant=variant)
         of = {name: work.counters.get(name, 0) for name in native.COUNTERS}
-        assert sum(int(edges.sum()) for edges in work.edges) == of["edges_64"] + of["edges_32"]
+        assert sum(int(edges.sum()) for edges in work.edges or ()) == of["edges_64"] + of["edges_32"]
         assert work.fragments.sum() == of["fragments"]
         # by_tile() spreads a wide square's integer over its tiles: quotients of float64, and their sum.
         assert work.by_tile().sum() == pytest.approx(of["edges_64"] + of["edges_32"] + of["fragments"], rel=1e-12)
@@ -137,6 +138,12 @@ def test_a_wide_square_is_spread_over_its_tiles() -> None:
     expected[:, 16:] += 1
     expected[0, 1] += 1
     assert np.array_equal(work.by_tile(), expected)
+
+
+def test_a_map_of_fragments_alone() -> None:
+    """As kernels on CUDA count them."""
+    work = WorkMap({}, np.arange(BIN * BIN).reshape(BIN, BIN), None, np.zeros(0, np.int64))
+    assert np.array_equal(work.by_tile(), work.fragments.reshape(8, 8, 8, 8).sum(axis=(1, 3)))
 
 
 def test_an_image_without_triangles() -> None:

@@ -234,10 +234,15 @@ def parameters(library: ctypes.CDLL, variant: str) -> dict[str, Parameter]:
     return found
 
 
+def counted_work(counters: NDArray[np.int64], fragments: NDArray[np.int64], blocks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A CountedWork (csrc/cuda/counted_work.h) with room for so many blocks; the arrays have to live as long."""
+    return np.array([counters.ctypes.data, fragments.ctypes.data, blocks.ctypes.data, len(blocks)], np.int64)
+
+
 def draw(
-    library: ctypes.CDLL, job: Job, counters: NDArray[np.int64] | None = None
+    library: ctypes.CDLL, job: Job, counted: NDArray[np.int64] | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
-    """packed, depth and dropped [B] of a job, by its kernels; a build that counts adds to ``counters``."""
+    """packed, depth and dropped [B] of a job, by its kernels; a build that counts adds to what ``counted`` points to."""
 
     def pointer(array: NDArray) -> ctypes.c_void_p:
         return array.ctypes.data_as(ctypes.c_void_p)
@@ -265,7 +270,7 @@ def draw(
         len(triangles),
         None if job.ranges is None else pointer(job.ranges),
         *map(pointer, (view, values, packed, depth, dropped)),
-        None if counters is None else pointer(counters),
+        None if counted is None else pointer(counted),
     )
     assert refused == 0, (refused, job.variant, settings)
     return packed, depth, dropped

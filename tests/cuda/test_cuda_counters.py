@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
 import pytest
 import torch
 from cuda_bits import DEVICE, Scene, case_of, needs_cuda
 
+import bigtri
 from bigtri import native, reference
 from bigtri.check import counters
+from bigtri.check.work_map import map_work
 from bigtri.precision import EXACT
 from bigtri.reference.work import without_empty
 from bigtri.study import tune
@@ -17,13 +24,21 @@ pytestmark = needs_cuda
 COUNTED = ("scanline", "batched", "recursive_descent", "hierarchical_tiles", "tile_queues", "coverage_masks", "tile_owned")
 
 
-def counted(name: str, variant: str, parameters: dict[str, int]) -> dict[str, int]:
+Counted = TypeVar("Counted")
+
+
+def of_the_build(ask: Callable[..., Counted], name: str, variant: str, parameters: dict[str, int]) -> Counted:
+    """What ``count`` or ``map_work`` says of a scene."""
     try:
-        return counters.count(*case_of(Scene(name)), variant=variant, device=DEVICE, backend="native", parameters=parameters)
+        return ask(*case_of(Scene(name)), variant=variant, device=DEVICE, backend="native", parameters=parameters)
     except RuntimeError as error:
         if "built with BIGTRI_CUDA_COUNTING=1" in str(error):
             pytest.skip(str(error))
         raise
+
+
+counted = partial(of_the_build, counters.count)
+mapped = partial(of_the_build, map_work)
 
 
 @pytest.mark.parametrize("name", ["many_small", "guard_band", "mixed"])
@@ -38,6 +53,44 @@ def test_work_is_the_reference_s(variant: str, name: str) -> None:
     assert (found["records"], found["fragments"]) == (len(records.xy), model["fragments"])
     if "early_z" in has:
         assert counted(name, variant, {"early_z": 1})["fragments"] <= found["fragments"]
+
+
+@pytest.mark.parametrize("variant", COUNTED)
+def test_the_map_is_the_reference_s(variant: str) -> None:
+    """Fragments pixel by pixel. Of blocks, whose number and share the device decides, the sum."""
+    has = native.REGISTRY[DEVICE]["exact"][variant].parameters
+    early = "early_z" in has
+    case = case_of(Scene("mixed"))
+    work = mapped("mixed", variant, {"early_z": 0} if early else {})
+    assert np.array_equal(work.fragments, map_work(*case, variant="scanline", backend="reference").fragments)
+    assert work.edges is None
+    of = work.counters
+    assert work.tasks.sum() == of["work"] == of["fragments"] == work.by_tile().sum()
+    assert (len(work.tasks), work.tasks[0]) == (of["tasks"], of["most_work"])
+    assert (np.diff(work.tasks) <= 0).all() and work.tasks[-1] > 0
+    if early:
+        rejecting = mapped("mixed", variant, {"early_z": 1}).fragments
+        height, width = case.resolution
+        seen = bigtri.rasterize(*case).triangle >= 0
+        assert (rejecting <= work.fragments).all() and (rejecting[:height, :width][seen] > 0).all()
+
+
+def test_a_map_of_many_blocks() -> None:
+    """More than there is room for at first: a block for each triangle."""
+    case = case_of(Scene("mixed"))
+    records, _ = reference.setup(case.positions, case.triangles, *case.resolution)
+    all_small = np.zeros((0, 3), np.int32), np.zeros(0, np.int64), np.arange(len(records.xy), dtype=np.int32)
+    record, _, lower, upper = reference.scanline(records, *all_small).T
+    wanted = np.bincount(records.triangle[record], upper - lower, len(case.triangles)).astype(np.int64)
+    work = mapped("mixed", "batched", {"batch": 1, "search": 32})
+    assert len(work.tasks) > 1024 and np.array_equal(work.tasks, np.sort(wanted[wanted > 0])[::-1])
+
+
+def test_views_are_counted_together() -> None:
+    one, case = counted("mixed", "scanline", {}), case_of(Scene("mixed"))
+    views = np.stack([case.positions] * 3)
+    three = counters.count(views, *case[1:], variant="scanline", device=DEVICE, backend="native")
+    assert three == {name: 3 * n for name, n in one.items()}
 
 
 def test_what_is_not_counted_is_named() -> None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import bigtri
 from bigtri import native, reference
-from bigtri.check import counters
+from bigtri.check.work_map import map_work
 from bigtri.ops.rasterize import CULLS
 from bigtri.precision import EXACT
 from bigtri.reference.numerics import edges_of, stepped_values
@@ -329,24 +329,32 @@ ENTRIES: dict[str, Callable[[Records], NDArray[np.int64]]] = {
 
 @exhaustive
 def test_counters(tmp_path: Path) -> None:
-    """Records, what is queued of them, and the pixels that they cover, each offered its depth once."""
+    """Records, what is queued of them, and the pixels that they cover, each offered its depth once: those of the reference's
+    map. The sum over blocks is that of the pixels."""
     library = cuda_on_cpu.build_counting(tmp_path / "build")
     assert {*cuda_on_cpu.COUNTED} == {"scanline", "batched", *ENTRIES}
     every = itertools.product(cuda_on_cpu.COUNTED, (*ODD, "many_small"))
     for (variant, name), search in zip(every, itertools.cycle((0, 256)), strict=False):
         case = case_of(name)
         records = without_empty(reference.setup(case.positions, case.triangles, *case.resolution)[0], EXACT)
-        fragments = counters.count(*case, variant="scanline", backend="reference")["fragments"]
-        wanted = {"records": len(records.xy), "fragments": fragments}
+        model = map_work(*case, variant="scanline", backend="reference")
+        wanted = {"records": len(records.xy), "fragments": model.counters["fragments"]}
         if variant in ENTRIES:
             wanted |= {"by_tiles": len(records.xy), "entries": int(ENTRIES[variant](records).sum())}
         else:
             wanted |= {"by_rows": len(records.xy)}
-        found = np.zeros(len(native.COUNTERS), np.int64)
-        cuda_on_cpu.draw(library, job(case, variant, {"early_z": 0, "search": search}), found)
+        found, fragments = np.zeros(len(native.COUNTERS), np.int64), np.zeros(model.fragments.shape, np.int64)
+        blocks, few = np.zeros(4096, np.int64), np.zeros(4, np.int64)
+        drawn = job(case, variant, {"early_z": 0, "search": search})
+        cuda_on_cpu.draw(library, drawn, cuda_on_cpu.counted_work(found, fragments, blocks))
         counted = dict(zip(native.COUNTERS, found.tolist(), strict=True))
         assert wanted == {key: counted[key] for key in wanted}, (variant, name)
         assert counted["overflows"] == 0
+        assert np.array_equal(fragments, model.fragments), (variant, name)
+        assert blocks.sum() == fragments.sum(), (variant, name)
+        # Of more blocks than there is room for, those that have room.
+        cuda_on_cpu.draw(library, drawn, cuda_on_cpu.counted_work(found, fragments, few[:2]))
+        assert few.tolist() == [*blocks[:2], 0, 0] and np.array_equal(fragments, 2 * model.fragments), (variant, name)
 
 
 @pytest.mark.skipif(not BENCH.exists(), reason="bench/ is not here")

@@ -31,8 +31,8 @@ struct Frame {
   int64_t* packed;    // out: [views, height, width], the visibility buffer
   float* depth;       // out: [views, height, width], window depth; or null
   int64_t* dropped;   // out: [views], triangles dropped
-  int64_t* counters;  // out, added to: [kCounters]; null if nothing is counted (counters.h)
-  int64_t view_stride;    // floats from one view's positions to the next's; 0 if all views share them
+  int64_t* counters;  // out, added to: [kCounters], or on CUDA a CountedWork; null if nothing is counted (counters.h)
+  int64_t view_stride;  // floats from one view's positions to the next's; 0 if all views share them
   int32_t first_triangle;  // the id of triangle 0; the others' follow
   // [views, 2], each view's first triangle and number of triangles; null: all in every view. In host memory always.
   const int32_t* ranges;

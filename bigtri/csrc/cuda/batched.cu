@@ -46,7 +46,7 @@ __device__ __forceinline__ void draw_in_cell(const Frame& f, const Record& r, in
     int64_t outside = 0;
     for (int k = 0; k < 3; ++k) outside |= first[k] - (int64_t)edge[k].dy * i + (int64_t)edge[k].dx * j;
     if (outside < 0) continue;
-    count_work(f, Counter::fragments, 1);
+    count_fragment(f, x, y);
     const float z = r.flags & kRecordThin ? thin_depth(&r, x, y)
                                           : finish_depth(plane_row<double>(plane.zcell, plane.dzdy, y % kBin) +
                                                              plane_column<double>(plane.dzdx, x % kBin),

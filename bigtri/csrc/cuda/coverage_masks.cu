@@ -159,7 +159,6 @@ __device__ __forceinline__ void draw_tile(const Frame& f, const Record* records,
               begin = end - __popc((unsigned)mask) - __popc((unsigned)(mask >> 32)),
               all = __shfl_sync(kAllLanes, end, kWarp - 1);
     const int place = __popc(__ballot_sync(kAllLanes, mask != 0) & lanes_below());
-    count_work(f, Counter::fragments, end - begin);
     if (mask) {
       m->mask[place] = mask;
       m->begin[place] = begin;
@@ -171,6 +170,7 @@ __device__ __forceinline__ void draw_tile(const Frame& f, const Record* records,
       if (first + lane_id() >= all) continue;
       const Entry& e = s->entries[m->entry[its]];
       const int bit = place_of_bit(m->mask[its], first + lane_id() - m->begin[its]), i = x + bit % 8, j = y + bit / 8;
+      count_fragment(f, left + i, top + j);
       const float z =
           e.thin()
               ? thin_depth(records + e.slot(), left + i, top + j)

@@ -18,7 +18,8 @@ __device__ __forceinline__ void count_fragments(const Frame& f, const Region& re
     const int i = (region.lane_left() & (kBin - 1)) + n % 2, j = (region.lane_top() & (kBin - 1)) + n / 2 * 4;
     int32_t outside = 0;
     for (int k = 0; k < 3; ++k) outside |= e.edge[k].f + i * e.edge[k].sx + j * e.edge[k].sy;
-    count_work(f, Counter::fragments, (region.cut & Region::bit_of(n)) && outside >= 0);
+    if ((region.cut & Region::bit_of(n)) && outside >= 0)
+      count_fragment(f, region.lane_left() + n % 2, region.lane_top() + n / 2 * 4);
   }
 }
 

@@ -70,7 +70,7 @@ __device__ __forceinline__ void draw_pixel(const Descent& d, int i, int j) {
   int64_t* const pixel = d.pixels + (int64_t)j * d.width + i;
   const int64_t there = d.early_z ? __ldcg(pixel) : kBackground;
   if (there < d.nearest) return;
-  count_work(*d.frame, Counter::fragments, 1);
+  count_fragment(*d.frame, d.bin_x * kBin + i, d.bin_y * kBin + j);
   const Record& r = *d.record;
   const float z =
       r.flags & kRecordThin

@@ -23,6 +23,7 @@ __device__ __forceinline__ void draw_span(const Frame& f, const Record& r, int b
   const double row = plane_row<double>(plane.zcell, plane.dzdy, y % kBin);
   int64_t* const to = f.packed + (int64_t)y * f.view.width;
   for (int x = begin; x < end; ++x) {
+    count_fragment(f, x, y);
     const float z = r.flags & kRecordThin
                         ? thin_depth(&r, x, y)
                         : finish_depth(row + plane_column<double>(plane.dzdx, x % kBin), r.zmin, r.zmax);
@@ -44,7 +45,6 @@ __device__ __noinline__ void draw_primitive(const Frame& f, const Primitive& p, 
       cut_span(edge_steps(e, r.x0, y), -e.dy, &lower, &upper);
     }
     const int end = r.x0 + (int)upper;
-    count_work(f, Counter::fragments, max_of<int64_t>(upper - lower, 0));
     for (int x = r.x0 + (int)lower; x < end; x = (x | (kBin - 1)) + 1)
       draw_span(f, r, x, min_of(end, (x | (kBin - 1)) + 1), y);
   }

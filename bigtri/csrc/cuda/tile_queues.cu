@@ -70,7 +70,7 @@ __device__ __forceinline__ void draw_tile(const Frame& f, const Record* records,
       int32_t outside = 0;
       for (int m = 0; m < 3; ++m) outside |= e.edge[m].f + i * e.edge[m].sx + (j + 4 * half) * e.edge[m].sy;
       if (outside < 0 || !allowed[half]) continue;
-      count_work(f, Counter::fragments, 1);
+      count_fragment(f, px, py + 4 * half);
       const float z = e.thin() ? thin_depth(records + e.slot(), px, py + 4 * half)
                                : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j + 4 * half) +
                                                   plane_column<double>(e.plane.dzdx, i),

@@ -1,6 +1,5 @@
 // torch.ops.bigtri.rasterize on CUDA, and the list of CUDA variants. Nothing here waits for the device.
 
-#include "../core/counters.h"
 #include "cuda.h"
 #include "rasterize_checks.h"
 
@@ -36,12 +35,9 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
                        const std::optional<Tensor>& counters) {
   const char* op = "rasterize";
   const CudaRung& rung = find_rung(op, kCudaRungs, precision);
-  BIGTRI_CHECK(!counters || (kCountingCudaVariants && &rung == kCudaRungs),
-               "bigtri::rasterize: counters must be None on CUDA, unless the extension was built with "
-               "BIGTRI_CUDA_COUNTING=1 and precision is '",
-               kCudaRungs[0].name, "', got ", describe(*counters), " and precision '", precision, "'");
-  const CudaVariant& chosen =
-      find_variant(op, counters ? kCountingCudaVariants : rung.variants, variant, precision, " on CUDA");
+  BIGTRI_CHECK(!counters, "bigtri::rasterize: counters must be None on CUDA, where map_work counts, got ",
+               describe(*counters));
+  const CudaVariant& chosen = find_variant(op, rung.variants, variant, precision, " on CUDA");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
   check_unserved(samples, behind);
   const int device = device_of_positions(positions);
@@ -50,10 +46,7 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   const int32_t views = checked_views(device, positions, triangles, ranges);
   check_results(device, views, positions, triangles, height, width, ranges, packed, depth, dropped);
   check_count(op, "triangles", triangles.size(0));
-  if (counters)
-    check_cuda(op, "counters", *counters, device, ScalarType::Long, {kCounters}, "int64 [one for each counter]");
   set_tensors(&frame, views, positions, triangles, ranges, packed, depth, dropped);
-  frame.counters = counters ? data<int64_t>(*counters) : nullptr;
   enqueue(op, chosen, frame, values, device);
 }
 

@@ -6,6 +6,7 @@
 #include "../cpu/workspace.h"
 #include "rasterize_checks.h"
 #include "registry.h"
+#include "work_map_checks.h"
 
 namespace bigtri {
 namespace {
@@ -61,23 +62,9 @@ void map_work_op(const Tensor& positions, const Tensor& triangles, int64_t heigh
   BIGTRI_CHECK(rung.counting, "bigtri::", op, ": precision must be one whose variants count, got '", precision, "'");
   const Variant& chosen = find_variant(op, rung.counting, variant, precision, "");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
-  check(op, "positions", positions, ScalarType::Float, {-1, 4}, "float32 [V, 4]");
-  check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
-  check(op, "packed", packed, ScalarType::Long, {height, width}, "int64 [height, width]");
-  check(op, "dropped", dropped, ScalarType::Long, {}, "int64 []");
-  check(op, "counters", counters, ScalarType::Long, {kCounters}, "int64 [one for each counter]");
   const int columns = (view.width + kBin - 1) / kBin, rows = (view.height + kBin - 1) / kBin;
-  check(op, "fragments", fragments, ScalarType::Long, {(int64_t)rows * kBin, (int64_t)columns * kBin},
-        "int64 [height, width], both up to a multiple of 64");
-  check(op, "edges", edges, ScalarType::Long, {WorkMap::squares(columns, rows)},
-        "int64 [squares of 8, 16, ... px, up to one that holds the image's bins]");
-  check(op, "tasks", tasks, ScalarType::Long, {-1}, "int64 [room]");
-  const std::pair<const char*, const Tensor&> inputs[] = {{"positions", positions}, {"triangles", triangles}};
-  const std::pair<const char*, const Tensor&> outputs[] = {{"packed", packed},     {"dropped", dropped},
-                                                           {"counters", counters}, {"fragments", fragments},
-                                                           {"edges", edges},       {"tasks", tasks}};
-  for (const auto& [input_name, input] : inputs)
-    for (const auto& [output_name, output] : outputs) check_apart(op, output_name, output, input_name, input);
+  check_map_work(kCpu, view, WorkMap::squares(columns, rows), positions, triangles, packed, dropped, counters,
+                 fragments, edges, tasks);
   const Parallel parallel = torch_threads();
   CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(0));
   WorkMap map = {columns, rows, data<int64_t>(fragments), data<int64_t>(edges), data<int64_t>(tasks), tasks.size(0), 0};
