@@ -156,6 +156,12 @@ def devices() -> list[str]:
     return [kind for kind in VARIANTS if kind == "cpu" or torch.cuda.is_available()]
 
 
+def counting_on_cuda() -> list[str]:
+    """Variants whose work kernels for CUDA count; none, unless the extension was built with ``BIGTRI_CUDA_COUNTING=1``."""
+    names = torch.ops.bigtri.cuda_counting() if "cuda" in VARIANTS else ""
+    return names.split(", ") if names else []
+
+
 def isa_levels() -> list[str]:
     """The instruction sets that this machine can run, slowest first; all give the same bits. Empty without the extension."""
     return [name for name in ISA_LEVELS if available() and torch.ops.bigtri.has_isa(name)]

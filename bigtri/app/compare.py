@@ -46,7 +46,7 @@ def parser(program: str = "bigtri compare") -> argparse.ArgumentParser:
     result.add_argument("--isa", default="", help="instruction set of the CPU (default: the fastest)")
     result.add_argument("--seed", type=arguments.seed, default=scenes.SEED, help="of a named scene (default %(default)s)")
     result.add_argument("--seconds", type=arguments.seconds, default=0.5, help="of the clock, each variant (default 0.5)")
-    about = "also draw there where each variant of the CPU does its work, overdraw, and the load of tasks; needs matplotlib"
+    about = "also draw there where each variant does its work, overdraw, and the load of tasks; needs matplotlib"
     result.add_argument("--plots", type=Path, metavar="FOLDER", help=about)
     camera = result.add_argument_group("camera, for a model file")
     about = "degrees around the up axis (default: 30)"
@@ -83,8 +83,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.precision not in rungs:
         command.error(f"--precision must be one of {', '.join(rungs)}, as the extension is built here, got {options.precision}")
     if options.plots:
-        if options.device != "cpu":
-            command.error(f"--plots must be given with --device cpu, got {options.device}")
+        if options.device == "cuda" and not native.counting_on_cuda():
+            command.error("--plots with --device cuda needs the extension built with BIGTRI_CUDA_COUNTING=1")
         from ..study import work_plots  # without matplotlib it is said before anything is drawn
     if options.load:
         runpy.run_path(str(options.load))
@@ -92,6 +92,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         own = registered_variants() if options.load else {}
         variants = arguments.chosen("variant", options.variants, [*rungs[options.precision], *own])
         counted = [variant for variant in variants if variant not in own]
+        if options.plots and options.device == "cuda":
+            counted = [variant for variant in counted if variant in native.counting_on_cuda()]
         if options.plots and not counted:
             raise ValueError("--plots must be given with a variant of the extension, which counts its work")
         if options.isa:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import native
 from ..check.counters import load
 from ..check.work_map import WorkMap, map_work
 from ..ops.rasterize import rasterize
@@ -34,9 +35,9 @@ def draw_all(job: Job, scene: str, variants: Sequence[str], folder: Path) -> lis
     """Write work.png, overdraw.png and load.png; returns the files. The folder is made if it is not there.
 
     Args:
-        job: what is drawn, on the CPU, with a rung whose work is counted.
+        job: what is drawn, with a rung whose work is counted on its device.
         scene: what it is called.
-        variants: of ``bigtri.native.REGISTRY["cpu"][precision]``.
+        variants: those of the device whose work is counted.
     """
     maps = {variant: _map(job, variant) for variant in variants}
     folder.mkdir(parents=True, exist_ok=True)
@@ -45,48 +46,66 @@ def draw_all(job: Job, scene: str, variants: Sequence[str], folder: Path) -> lis
     return [
         _work(job, maps, about, folder / "work.png"),
         _overdraw(job, maps, about, folder / "overdraw.png"),
-        _load(maps, about, folder / "load.png"),
+        _load(job, maps, about, folder / "load.png"),
     ]
 
 
 def _map(job: Job, variant: str, **parameters: int) -> WorkMap:
     mesh = job.positions, job.triangles, job.resolution
-    return map_work(*mesh, variant=variant, precision=job.precision, cull=job.cull, parameters=parameters)
+    return map_work(
+        *mesh,
+        variant=variant,
+        backend="native",
+        device=job.device,
+        precision=job.precision,
+        cull=job.cull,
+        parameters=parameters,
+    )
+
+
+def _early_reject(job: Job, variant: str) -> str:
+    """The parameter for it; empty: there is none."""
+    if job.device == "cpu":
+        return MODELS[variant].REJECTS_BY_DEPTH
+    return "early_z" if "early_z" in native.REGISTRY[job.device][job.precision][variant].parameters else ""
 
 
 def _work(job: Job, maps: Mapping[str, WorkMap], about: str, path: Path) -> Path:
-    """Edge values and fragments in each tile of 8x8 px, over its pixels; one colour scale for all variants."""
+    """Edge values, if they are counted, and fragments in each tile of 8x8 px, over its pixels; one colour scale for all."""
     height, width = job.resolution
     down, across = -(-height // TILE), -(-width // TILE)
     titles, by_tile = ["what is drawn\na colour per triangle"], []
     for variant, work in maps.items():
         by_tile.append(work.by_tile()[:down, :across] / TILE**2)
         edges = work.counters.get("edges_64", 0) + work.counters.get("edges_32", 0)
-        titles.append(f"{variant}\n{_short(edges)} edge values, {_short(work.counters.get('fragments', 0))} fragments")
+        tests = f"{_short(edges)} edge values, " if work.edges is not None else ""
+        titles.append(f"{variant}\n{tests}{_short(work.counters.get('fragments', 0))} fragments")
     scale = _scale(by_tile)
     figure, panels = _panels(titles, height / width)
     drawn = rasterize(job.positions, job.triangles, job.resolution, precision=job.precision, cull=job.cull)
     panels[0].imshow(triangle_ids(drawn), extent=(0, width, height, 0))
     for axes, values in zip(panels[1:], by_tile, strict=True):
         _image(axes, values, TILE, job.resolution, scale)
-    _color_bar(figure, panels, scale, "edge values and\nfragments per pixel")
+    tested = any(work.edges is not None for work in maps.values())
+    _color_bar(figure, panels, scale, "edge values and\nfragments per pixel" if tested else "fragments per pixel")
     return _saved(figure, path, f"{about}: where each variant does its work, tiles of 8x8 px. Grey: none")
 
 
 def _overdraw(job: Job, maps: Mapping[str, WorkMap], about: str, path: Path) -> Path:
     """Fragments offered to each pixel, with and without early reject. Settings that offer the same ones share a panel."""
     height, width = job.resolution
-    settings: list[tuple[str, WorkMap]] = []
+    settings: list[tuple[str, WorkMap, bool]] = []  # whether anything was rejected; on CUDA whether it may have been
     for variant, work in maps.items():
-        if early := MODELS[variant].REJECTS_BY_DEPTH:
-            settings += [(f"{variant} {early}={value}", _map(job, variant, **{early: value})) for value in (0, 1)]
-        else:
-            settings.append((variant, work))
+        early = _early_reject(job, variant)
+        for value in (0, 1) if early else (None,):
+            one = _map(job, variant, **{early: value}) if value is not None else work
+            hidden = not one.counters.keys().isdisjoint(("bins_hidden", "tiles_hidden"))
+            name = f"{variant} {early}={value}" if early else variant
+            settings.append((name, one, hidden if job.device == "cpu" else value == 1))
     # By whether anything was rejected, and the picture.
     groups: list[tuple[bool, NDArray[np.int64], list[str]]] = []
-    for name, work in settings:
+    for name, work, rejects in settings:
         image = work.fragments[:height, :width]
-        rejects = not work.counters.keys().isdisjoint(("bins_hidden", "tiles_hidden"))
         same = (names for other, seen, names in groups if other == rejects and np.array_equal(seen, image))
         names = next(same, None)
         if names is None:
@@ -106,12 +125,12 @@ def _overdraw(job: Job, maps: Mapping[str, WorkMap], about: str, path: Path) -> 
     return _saved(figure, path, f"{about}: overdraw. Mean of the pixels that are covered; grey: none")
 
 
-def _load(maps: Mapping[str, WorkMap], about: str, path: Path) -> Path:
+def _load(job: Job, maps: Mapping[str, WorkMap], about: str, path: Path) -> Path:
     """The work of each task over the mean, the most first."""
-    titles = []
+    titles, task = [], "task" if job.device == "cpu" else "block"
     for variant, work in maps.items():
         count = len(work.tasks)
-        titles.append(f"{variant}\n{_short(count)} task{'s' * (count != 1)}, load {load(work.counters):.3g}")
+        titles.append(f"{variant}\n{_short(count)} {task}{'s' * (count != 1)}, load {load(work.counters):.3g}")
     figure, panels = _panels(titles, 0.75, most=5, share=True)
     most, longest = 1.0, 1
     for axes, work in zip(panels, maps.values(), strict=True):
@@ -127,9 +146,9 @@ def _load(maps: Mapping[str, WorkMap], about: str, path: Path) -> Path:
         axes.set_axisbelow(True)
     panels[0].set_ylim(_LEAST, 2 * most)
     panels[0].set_xlim(1, longest + 1)
-    figure.supxlabel("tasks, the one with the most work first (log)", size=8)
+    figure.supxlabel(f"{task}s, the one with the most work first (log)", size=8)
     figure.supylabel("work over the mean (log)", size=8)
-    return _saved(figure, path, f"{about}: work of each task. Load: the most over the mean, which is the line")
+    return _saved(figure, path, f"{about}: work of each {task}. Load: the most over the mean, which is the line")
 
 
 def _panels(titles: Sequence[str], aspect: float, most: int = 4, share: bool = False) -> tuple[Any, list[Axes]]:

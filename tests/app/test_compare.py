@@ -196,6 +196,14 @@ def test_plots_without_matplotlib(tmp_path, capsys, monkeypatch):
     assert "bigtri compare: --plots needs matplotlib, which is not installed: pip install" in capsys.readouterr().err
 
 
+def test_plots_where_nothing_counts_on_cuda(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(native.REGISTRY, "cuda", native.REGISTRY["cpu"])
+    monkeypatch.setattr(native, "counting_on_cuda", lambda: [])
+    with pytest.raises(SystemExit):
+        cli.main(["compare", "ties", "--device", "cuda", "--plots", str(tmp_path)])
+    assert "--plots with --device cuda needs the extension built with BIGTRI_CUDA_COUNTING=1" in capsys.readouterr().err
+
+
 def test_plots_of_what_is_not_counted(tmp_path, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(compare, "compare", lambda *_: pytest.fail("timed"))

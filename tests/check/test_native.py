@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import functools
+import importlib
 from itertools import product
 
 import numpy as np

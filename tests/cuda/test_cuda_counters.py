@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from cuda_bits import DEVICE, Scene, case_of, needs_cuda
 
 import bigtri
 from bigtri import native, reference
+from bigtri.app import cli
 from bigtri.check import counters
 from bigtri.check.work_map import map_work
 from bigtri.precision import EXACT
@@ -22,8 +24,6 @@ from bigtri.study import tune
 pytestmark = needs_cuda
 
 COUNTED = ("scanline", "batched", "recursive_descent", "hierarchical_tiles", "tile_queues", "coverage_masks", "tile_owned")
-
-
 Counted = TypeVar("Counted")
 
 
@@ -95,8 +95,18 @@ def test_views_are_counted_together() -> None:
 
 def test_what_is_not_counted_is_named() -> None:
     counted("mixed", "scanline", {})
+    assert {*native.counting_on_cuda()} == {*COUNTED}
     with pytest.raises(RuntimeError, match="variant must be one of .*scanline"):
         counters.count(*case_of(Scene("mixed")), variant="bin_owned", device=DEVICE, backend="native")
+
+
+def test_pictures_of_the_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of the variants that count; the others are compared without."""
+    pytest.importorskip("matplotlib")
+    counted("mixed", "scanline", {})
+    options = ["--device", DEVICE, "--size", "96x64", "--seconds", "0", "--variants", "bin_owned,scanline,tile_owned"]
+    assert cli.main(["compare", "S3", *options, "--plots", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.splitlines()[-3:] == [str(tmp_path / f"{name}.png") for name in ("work", "overdraw", "load")]
 
 
 def test_the_tuner_draws_the_same_bits() -> None:

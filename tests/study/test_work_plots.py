@@ -11,7 +11,7 @@ import pytest
 
 import bigtri
 from bigtri import native
-from bigtri.check.work_map import map_work
+from bigtri.check.work_map import WorkMap, map_work
 from bigtri.study import accuracy
 from bigtri.study.compare import Job
 
@@ -96,6 +96,28 @@ def test_the_load_of_each_task(drawn: Any) -> None:
         assert np.allclose(values, work.tasks / work.tasks.mean())
         assert np.array_equal(edges, np.arange(1, len(work.tasks) + 2))
         assert f"{len(work.tasks)} tasks, load {values[0]:.3g}" in title
+
+
+def test_fragments_alone_as_cuda_counts_them(drawn: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The CPU's fragments, with what kernels for CUDA do not count left out."""
+
+    def on_cuda(*mesh: Any, device: str, **how: Any) -> WorkMap:
+        assert device == "cuda"
+        counters, fragments, _, tasks = map_work(*mesh, **how)
+        return WorkMap({name: counters[name] for name in ("fragments", "tasks", "work", "most_work")}, fragments, None, tasks)
+
+    monkeypatch.setattr(work_plots, "map_work", on_cuda)
+    monkeypatch.setitem(native.REGISTRY, "cuda", native.REGISTRY["cpu"])
+    job = job_of("S3", 256, 192)._replace(device="cuda")
+    panels = drawn(job, ("scanline", "recursive_descent"))
+    offered = map_work(job.positions, job.triangles, job.resolution, variant="scanline").fragments
+    title = f"scanline\n{work_plots._short(offered.sum())} fragments"
+    assert (64 * values_of(panels["work"][title])).sum() == pytest.approx(offered.sum(), rel=1e-12)
+    without, rejecting = panels["overdraw"]
+    assert without.startswith("scanline, recursive_descent\xa0early_z=0\nnothing rejected by depth")
+    assert rejecting.startswith("recursive_descent\xa0early_z=1\nearly reject by depth")
+    assert np.array_equal(values_of(panels["overdraw"][without]), offered)
+    assert all("block" in title for title in panels["load"])
 
 
 @pytest.mark.filterwarnings("error")

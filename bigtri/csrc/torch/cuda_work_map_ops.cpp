@@ -1,4 +1,5 @@
-// torch.ops.bigtri.map_work on CUDA, by kernels that count. Nothing here waits for the device.
+// torch.ops.bigtri.map_work on CUDA, by kernels that count, and the list of their variants. Nothing here waits for the
+// device.
 
 #include "../cuda/counted_work.h"
 #include "cuda.h"
@@ -7,6 +8,8 @@
 
 namespace bigtri {
 namespace {
+
+std::string cuda_counting_op() { return kCountingCudaVariants ? names_of(kCountingCudaVariants) : ""; }
 
 // One view. tasks: fragments of each block of the kernel that offers them; blocks beyond its room are left out. Edge values
 // are not counted.
@@ -40,5 +43,11 @@ void map_work_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t 
 
 }  // namespace
 }  // namespace bigtri
+
+STABLE_TORCH_LIBRARY_FRAGMENT(bigtri, m) { m.def("cuda_counting() -> str"); }
+
+STABLE_TORCH_LIBRARY_IMPL(bigtri, CompositeExplicitAutograd, m) {
+  m.impl("cuda_counting", TORCH_BOX(&bigtri::cuda_counting_op));
+}
 
 STABLE_TORCH_LIBRARY_IMPL(bigtri, CUDA, m) { m.impl("map_work", TORCH_BOX(&bigtri::map_work_cuda_op)); }
