@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import functools
 import importlib
 from itertools import product
