@@ -109,6 +109,20 @@ def test_pictures_of_the_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert capsys.readouterr().out.splitlines()[-3:] == [str(tmp_path / f"{name}.png") for name in ("work", "overdraw", "load")]
 
 
+def test_a_graph_cannot_capture_the_map() -> None:
+    counted("mixed", "scanline", {})
+    case, graph = case_of(Scene("mixed")), torch.cuda.CUDAGraph()
+    (height, width), names = case.resolution, native.COUNTERS
+    given = [torch.from_numpy(array).to(DEVICE) for array in (case.positions, case.triangles)]
+    padded = 64 * -(-height // 64), 64 * -(-width // 64)
+    shapes = (height, width), (), (len(names),), padded, (0,), (9,)
+    to = [torch.zeros(shape, dtype=torch.int64, device=DEVICE) for shape in shapes]
+    how = height, width, "none", [0, 0, width, height], "scanline", "exact", []
+    with pytest.raises(RuntimeError, match="bigtri::map_work: a CUDA graph cannot capture it"), torch.cuda.graph(graph):
+        to[0].zero_()  # which it can
+        torch.ops.bigtri.map_work.default(*given, *how, *to)
+
+
 def test_the_tuner_draws_the_same_bits() -> None:
     """It raises where a way that it tries draws others."""
     case = case_of(Scene("mixed"))

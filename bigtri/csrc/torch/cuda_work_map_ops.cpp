@@ -34,6 +34,10 @@ void map_work_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t 
   set_tensors(&frame, 1, positions, triangles, std::nullopt, packed, std::nullopt, dropped);
   const CurrentDevice current(device);
   const cudaStream_t stream = current_stream(device);
+  // A graph would read `work` below when it runs.
+  cudaStreamCaptureStatus capturing;
+  check_launch(op, cudaStreamIsCapturing(stream, &capturing));
+  BIGTRI_CHECK(capturing == cudaStreamCaptureStatusNone, "bigtri::", op, ": a CUDA graph cannot capture it");
   const WorkingMemory scratch(chosen.scratch_bytes(frame, values.data())), counted(sizeof(CountedWork));
   const CountedWork work = {data<int64_t>(counters), data<int64_t>(fragments), data<int64_t>(tasks), tasks.size(0)};
   check_launch(op, cudaMemcpyAsync(counted.data(), &work, sizeof(work), cudaMemcpyHostToDevice, stream));
