@@ -124,20 +124,36 @@ def memory_table(rows: Sequence[Row]) -> str:
         if key[1:] in (SIZE, largest) and key.scene in SHOWN.split(","):
             taken = {row.variant: row.counters.get("bytes", 0) if row.scratch is None else row.scratch for row in of_case}
             lines.append([f"{key.scene}, {key.size}", *(many(taken[v]) if v in taken else "-" for v in variants)])
-    on_device = any(row.scratch is not None for row in rows)
-    what = "What a call takes from the device's allocator" if on_device else "Records and elements of queues that a call stores"
+    what = (
+        "What a call takes from the device's allocator"
+        if on_device(rows)
+        else "Records and elements of queues that a call stores"
+    )
     return f"{what}, bytes; the image, 8 bytes a pixel, is not among them.\n\n" + markdown.table(["bytes", *variants], lines)
 
 
 def work_table(of_case: Sequence[Row]) -> str:
-    """A variant a line."""
+    """A variant a line. On a GPU a variant counts some kinds of work alone: the others are empty, or left out."""
+    counted = [name for name in WORK if not on_device(of_case) or any(row.counters.get(name) for row in of_case)]
+    loads = [text_of(counters.load(row.counters)) if row.counters.get("tasks") else "" for row in of_case]
     lines = []
-    for row in of_case:
-        load = counters.load(row.counters) if row.counters.get("tasks") else None
-        counts = (many(row.counters.get(name, 0)) for name in WORK)
-        lines.append([row.variant, text_of(row.timing.median), *counts, "" if load is None else text_of(load)])
+    for row, load in zip(of_case, loads, strict=True):
+        amounts = {name: row.counters.get(name, 0) for name in counted}
+        cells = ["" if on_device(of_case) and not n else many(n) for n in amounts.values()]
+        lines.append([row.variant, text_of(row.timing.median), *cells, *([load] if any(loads) or not on_device(of_case) else [])])
     key = of_case[0].key
-    return markdown.table([f"{key.scene}, {key.size}", "ms", *(f"`{name}`" for name in WORK), "load"], lines)
+    head = [
+        f"{key.scene}, {key.size}",
+        "ms",
+        *(f"`{name}`" for name in counted),
+        *(["load"] if any(loads) or not on_device(of_case) else []),
+    ]
+    return markdown.table(head, lines)
+
+
+def on_device(rows: Sequence[Row]) -> bool:
+    """Whether a GPU drew."""
+    return any(row.scratch is not None for row in rows)
 
 
 def costs_table(rows: Sequence[Row]) -> str:
@@ -294,7 +310,9 @@ def stages(rows: Sequence[Row]) -> str:
     cases = by_case(rows)
     ms = {(row.key, row.variant, *row.setting.split(" ", 1)): row.timing.median for row in rows}
     lines = []
-    for variant, stage in dict.fromkeys((row.variant, row.setting.split(" ", 1)[1]) for row in rows):
+    variants = list(by_variant(rows))
+    found_stages = dict.fromkeys((row.variant, row.setting.split(" ", 1)[1]) for row in rows)
+    for variant, stage in sorted(found_stages, key=lambda one: variants.index(one[0])):
         cells = []
         for key in cases:
             found = [ms.get((key, variant, each, stage)) for each in ("still", "moving")]
