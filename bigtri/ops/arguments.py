@@ -180,7 +180,7 @@ def as_is(value: Array, dtype: torch.dtype) -> torch.Tensor | None:
 
 
 def for_operator(value: Array, dtype: torch.dtype) -> torch.Tensor | None:
-    """What ``as_is`` returns, for an operator that writes into none of its arguments, in half the time where it is a tensor.
+    """What ``as_is`` returns, for an argument that an operator only reads, in half the time where it is a tensor.
 
     dtype and device are left to the operator, and a view that negates to torch, which hands a copy on. Wrapped tensors have no
     address, nor have those without elements, which ``as_is`` looks at.

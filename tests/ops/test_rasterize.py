@@ -567,14 +567,19 @@ ODD_TRIANGLES = [
 @pytest.mark.parametrize(
     "options", [{}, {"cull": "back", "scissor": (4, 0, 9, 4), "depth": False, "precision": "fast"}, {"precision": "nothing"}]
 )
-def test_the_short_way_of_a_call_does_what_the_long_one_does(options, monkeypatch):
-    """Whatever comes: the same bits, in the same kind of array, or the same error."""
+@pytest.mark.parametrize("given", [0, 1, 2])
+def test_the_short_way_of_a_call_does_what_the_long_one_does(given, options, monkeypatch):
+    """Whatever comes: the same bits, in the same kind of array, or the same error. given: for how many results memory is."""
 
     def outcome(positions, triangles):
+        memory = {"out": torch.full((8, 9), 7), "depth_out": torch.full((8, 9), 7.0)}
+        into = dict(list(memory.items())[:given])
         try:
-            seen = bigtri.rasterize(positions, triangles, (8, 9), **options)
+            seen = bigtri.rasterize(positions, triangles, (8, 9), **options, **into)
         except (TypeError, ValueError, RuntimeError) as error:
+            assert all((field == 7).all() for field in memory.values())
             return type(error), str(error)
+        assert "out" not in into or np.shares_memory(np.asarray(seen.packed), memory["out"].numpy())
         return [None if field is None else (type(field), *field.shape, np.asarray(field).tobytes()) for field in seen]
 
     pairs = [(positions, T) for positions in ODD_POSITIONS] + [(P, triangles) for triangles in ODD_TRIANGLES]

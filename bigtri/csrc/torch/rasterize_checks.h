@@ -67,7 +67,7 @@ inline void check_results(int device, int64_t views, const Tensor& positions, co
 
 using NewResults = std::tuple<Tensor, std::optional<Tensor>, Tensor>;  // packed, depth, dropped
 
-// Memory for the results, on `device`, from inputs that are checked.
+// Memory for the results, on `device`, from inputs that are checked; for the number of triangles dropped, and for all.
 inline Tensor new_dropped(int device, const Tensor& positions) {
   const int64_t views[] = {positions.size(0)};
   return empty(Sizes(views, positions.dim() == 2 ? 0 : 1), ScalarType::Long, device);

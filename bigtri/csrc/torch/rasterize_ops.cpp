@@ -163,8 +163,7 @@ STABLE_TORCH_LIBRARY(bigtri, m) {
   // The same into memory that the caller gives. Returns what is dropped.
   m.def(
       "rasterize_into(Tensor positions, Tensor triangles, int height, int width, Tensor(a!) packed, Tensor(b!)? "
-      "depth=None, "
-      "str cull='none', int[]? scissor=None, str precision='exact') -> Tensor");
+      "depth=None, str cull='none', int[]? scissor=None, str precision='exact') -> Tensor");
   m.def("has_isa(str name) -> bool");
   m.def("isa() -> str");
   m.def("set_isa(str name) -> ()");
