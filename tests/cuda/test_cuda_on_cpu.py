@@ -351,23 +351,38 @@ def test_counters(tmp_path: Path) -> None:
         counted = dict(zip(native.COUNTERS, found.tolist(), strict=True))
         assert wanted == {key: counted[key] for key in wanted}, (variant, name)
         assert counted["overflows"] == 0
-        if variant in counted_work.SAME:
-            counted_work.check(variant, counted, case)
+        counted_work.check(variant, counted, case)
         assert np.array_equal(fragments, model.fragments), (variant, name)
         assert blocks.sum() == fragments.sum(), (variant, name)
         # Of more blocks than there is room for, those that have room.
         cuda_on_cpu.draw(library, drawn, cuda_on_cpu.counted_work(found, fragments, few[:2]))
         assert few.tolist() == [*blocks[:2], 0, 0] and np.array_equal(fragments, 2 * model.fragments), (variant, name)
-    # Where each triangle is drawn after the one before it, fragments pass as in the reference.
-    library.set_order(0)
-    for variant, name in itertools.product(counted_work.SAME, ("hundreds_in_a_bin", "slivers_across", "many_small")):
+
+
+@exhaustive
+def test_counters_of_other_ways(tmp_path: Path) -> None:
+    """Fragments pass as in the reference where each triangle is drawn after the one before it; squares that are not separated."""
+    library = cuda_on_cpu.build_counting(tmp_path / "build")
+
+    def counted(case: Case, variant: str, settings: dict[str, int]) -> dict[str, int]:
+        fragments = np.zeros([-(-size // 64) * 64 for size in case.resolution], np.int64)
+        found, blocks = np.zeros(len(native.COUNTERS), np.int64), np.zeros(0, np.int64)
+        work = cuda_on_cpu.counted_work(found, fragments, blocks)
+        cuda_on_cpu.draw(library, job(case, variant, {"early_z": 0, "blocks": 1, **settings}), work)
+        return dict(zip(native.COUNTERS, found.tolist(), strict=True))
+
+    # In one warp a queue is in the order of the triangles; a block that draws one alone has that order with more.
+    alone = {"search": 32, "batch": 1}
+    in_order = [(variant, name, alone) for variant in ("scanline", "batched") for name in ("hundreds_in_a_bin", "many_small")]
+    in_order += [(variant, "slivers_across", {**alone, "search": 256}) for variant in counted_work.PASSED if variant != "batched"]
+    for variant, name, settings in in_order:
+        passed = counted(case_of(name), variant, settings)["passed"]
+        assert passed == counted_work.passed_in_order(case_of(name)), (variant, name)
+    for name in ("long_slivers", "mixed"):
         case = case_of(name)
-        padded = [-(-size // 64) * 64 for size in case.resolution]
-        found, fragments = np.zeros(len(native.COUNTERS), np.int64), np.zeros(padded, np.int64)
-        drawn = job(case, variant, {"early_z": 0, "search": 32, "batch": 1, "blocks": 1})
-        cuda_on_cpu.draw(library, drawn, cuda_on_cpu.counted_work(found, fragments, blocks))
-        counted = dict(zip(native.COUNTERS, found.tolist(), strict=True))
-        assert counted["passed"] == counted_work.passed_in_order(case), (variant, name)
+        found = counted(case, "recursive_descent", {"separate": 0})
+        wanted = counted_work.recursive_descent(case, counted_work.records_of(case), separate=False)
+        assert wanted == {key: found[key] for key in wanted}, name
 
 
 @pytest.mark.skipif(not BENCH.exists(), reason="bench/ is not here")

@@ -40,12 +40,19 @@ __device__ __forceinline__ void keep_nearest_counted(const Frame& f, int64_t* pi
   count_work(f, Counter::passed, nearer);
   count_work(f, Counter::written, nearer);
 }
+// keep_nearest_shared() of a block's own pixel.
+__device__ __forceinline__ void keep_nearest_shared_counted(const Frame& f, int64_t* pixel, int64_t packed) {
+  count_work(f, Counter::passed, packed < atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed));
+}
 #else
 constexpr bool kCounts = false;
 __device__ __forceinline__ void count_work(const Frame&, Counter, int64_t) {}
 __device__ __forceinline__ void count_fragment(const Frame&, int, int) {}
 __device__ __forceinline__ void keep_nearest_counted(const Frame&, int64_t* pixel, int64_t packed) {
   keep_nearest(pixel, packed, false);
+}
+__device__ __forceinline__ void keep_nearest_shared_counted(const Frame&, int64_t* pixel, int64_t packed) {
+  keep_nearest_shared(pixel, packed);
 }
 #endif
 
