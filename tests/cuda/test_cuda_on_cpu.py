@@ -9,6 +9,7 @@ import itertools
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import counted_work
 import cuda_on_cpu
 import numpy as np
 import pytest
@@ -350,11 +351,23 @@ def test_counters(tmp_path: Path) -> None:
         counted = dict(zip(native.COUNTERS, found.tolist(), strict=True))
         assert wanted == {key: counted[key] for key in wanted}, (variant, name)
         assert counted["overflows"] == 0
+        if variant in counted_work.SAME:
+            counted_work.check(variant, counted, case)
         assert np.array_equal(fragments, model.fragments), (variant, name)
         assert blocks.sum() == fragments.sum(), (variant, name)
         # Of more blocks than there is room for, those that have room.
         cuda_on_cpu.draw(library, drawn, cuda_on_cpu.counted_work(found, fragments, few[:2]))
         assert few.tolist() == [*blocks[:2], 0, 0] and np.array_equal(fragments, 2 * model.fragments), (variant, name)
+    # Where each triangle is drawn after the one before it, fragments pass as in the reference.
+    library.set_order(0)
+    for variant, name in itertools.product(counted_work.SAME, ("hundreds_in_a_bin", "slivers_across", "many_small")):
+        case = case_of(name)
+        padded = [-(-size // 64) * 64 for size in case.resolution]
+        found, fragments = np.zeros(len(native.COUNTERS), np.int64), np.zeros(padded, np.int64)
+        drawn = job(case, variant, {"early_z": 0, "search": 32, "batch": 1, "blocks": 1})
+        cuda_on_cpu.draw(library, drawn, cuda_on_cpu.counted_work(found, fragments, blocks))
+        counted = dict(zip(native.COUNTERS, found.tolist(), strict=True))
+        assert counted["passed"] == counted_work.passed_in_order(case), (variant, name)
 
 
 @pytest.mark.skipif(not BENCH.exists(), reason="bench/ is not here")

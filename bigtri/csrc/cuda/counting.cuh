@@ -6,6 +6,7 @@
 
 #include "../core/numerics.h"
 #include "counted_work.h"
+#include "fragment.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -32,10 +33,20 @@ __device__ __forceinline__ void count_fragment(const Frame& f, int x, int y) {
   add_work(work.fragments + y * CountedWork::columns(f.view.width) + x, 1);
   if (blockIdx.x < work.room) add_work(work.blocks + blockIdx.x, 1);
 }
+// keep_nearest() without reading first, of a pixel of the image.
+__device__ __forceinline__ void keep_nearest_counted(const Frame& f, int64_t* pixel, int64_t packed) {
+  const bool nearer = packed < atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed);
+  count_work(f, Counter::atomics, 1);
+  count_work(f, Counter::passed, nearer);
+  count_work(f, Counter::written, nearer);
+}
 #else
 constexpr bool kCounts = false;
 __device__ __forceinline__ void count_work(const Frame&, Counter, int64_t) {}
 __device__ __forceinline__ void count_fragment(const Frame&, int, int) {}
+__device__ __forceinline__ void keep_nearest_counted(const Frame&, int64_t* pixel, int64_t packed) {
+  keep_nearest(pixel, packed, false);
+}
 #endif
 
 }  // namespace
