@@ -52,7 +52,8 @@ def test_work_is_the_reference_s(variant: str, name: str) -> None:
     records = without_empty(reference.setup(case.positions, case.triangles, *case.resolution)[0], EXACT)
     model = counters.count(*case, variant="scanline", backend="reference")
     assert (found["records"], found["fragments"]) == (len(records.xy), model["fragments"])
-    counted_work.check(variant, found, case)
+    if variant in counted_work.SAME:
+        counted_work.check(variant, found, case, 104)  # bytes of csrc/core/record.h's Record on a GPU
     if "early_z" in has:
         assert counted(name, variant, {"early_z": 1})["fragments"] <= found["fragments"]
 
