@@ -23,6 +23,18 @@ __device__ __forceinline__ void count_fragments(const Frame& f, const Region& re
   }
 }
 
+// Calls draw(), which draws a record on the region, and counts the lane's pixels that it makes nearer.
+template <class Draw>
+__device__ __forceinline__ void count_passed(const Frame& f, const Region& region, const Draw& draw) {
+  if constexpr (kCounts) {
+    const Region before = region;
+    draw();
+    for (int n = 0; n < Region::kPixels; ++n) count_work(f, Counter::passed, region.best[n] < before.best[n]);
+  } else {
+    draw();
+  }
+}
+
 // Draws what `slot(i)` names, 0 <= i < count, on the region. early_z: what lies behind all that is in the region is left
 // out, before its pixels are looked at. By all lanes; entries: in shared memory, the warp's own.
 template <class Slot>
@@ -47,7 +59,9 @@ __device__ __forceinline__ void draw_listed(const Frame& f, const Record* record
     count_work(f, Counter::edges_32, seen && !(m.info & Entry::kEntryFull) ? 3 * kRegion * kRegion : 0);
     __syncwarp();
     for (int k = 0; kCounts && k < __popc(all); ++k) count_fragments(f, *region, entries[k]);
-    for (int k = 0; k < __popc(all); ++k) region->draw(entries[k], entries[k].info & Entry::kEntryFull, false, records);
+    for (int k = 0; k < __popc(all); ++k) {
+      count_passed(f, *region, [&] { region->draw(entries[k], entries[k].info & Entry::kEntryFull, false, records); });
+    }
     if (!early_z || !all) continue;
     float farthest = 0.0f;
     for (int n = 0; n < Region::kPixels; ++n) farthest = max_of(farthest, depth_of(region->best[n]));
