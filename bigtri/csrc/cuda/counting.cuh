@@ -32,11 +32,38 @@ __device__ __forceinline__ void count_fragment(const Frame& f, int x, int y) {
   add_work(work.fragments + y * CountedWork::columns(f.view.width) + x, 1);
   if (blockIdx.x < work.room) add_work(work.blocks + blockIdx.x, 1);
 }
+
+// A pixel, and the frame whose first view it is in: what is given pixels instead of a frame counts by it.
+struct FramePixel {
+  int64_t* at;
+  const Frame* frame;
+
+  __device__ __forceinline__ FramePixel operator+(int64_t n) const { return {at + n, frame}; }
+};
+__device__ __forceinline__ FramePixel frame_pixel(const Frame& f, int64_t* at) { return {at, &f}; }
+__device__ __forceinline__ FramePixel kept(const FramePixel& p) { return p; }
+__device__ __forceinline__ void count_fragment(const FramePixel& p) {
+  const int64_t n = p.at - p.frame->packed;
+  count_fragment(*p.frame, (int)(n % p.frame->view.width), (int)(n / p.frame->view.width));
+}
+// The twin of the one in fragment.cuh.
+__device__ __forceinline__ void keep_nearest(const FramePixel& p, int64_t packed, bool read_first) {
+  if (read_first && __ldcg(p.at) <= packed) return;
+  count_work(*p.frame, Counter::atomics, 1);
+  count_work(*p.frame, Counter::passed, atomicMin(reinterpret_cast<long long*>(p.at), (long long)packed) > packed);
+}
 #else
 constexpr bool kCounts = false;
 __device__ __forceinline__ void count_work(const Frame&, Counter, int64_t) {}
 __device__ __forceinline__ void count_fragment(const Frame&, int, int) {}
+using FramePixel = int64_t*;
+__device__ __forceinline__ FramePixel frame_pixel(const Frame&, int64_t* at) { return at; }
+__device__ __forceinline__ void count_fragment(const int64_t*) {}
 #endif
+
+__device__ __forceinline__ FramePixel first_pixel(const Frame& f, int64_t view) {
+  return frame_pixel(f, pixels_of(f, view));
+}
 
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE

@@ -3,6 +3,7 @@
 
 #include "../core/pair_depth.h"
 #include "../core/pixel_depth.h"
+#include "counting.cuh"
 #include "setup.cuh"
 
 namespace bigtri {
@@ -249,7 +250,7 @@ __device__ __forceinline__ void keep_nearest_shared(int64_t* pixel, int64_t pack
 
 // Pixels next to each other of a record, from (x, y) on in a row, or in a column, each with a test and a plane of its
 // own: for what is thin, and for the ends of slivers. first: the first one in the frame; stride: to the next one.
-__device__ __noinline__ void draw_tested(int64_t* first, int stride, const Record& r, int x, int y, bool in_row,
+__device__ __noinline__ void draw_tested(FramePixel first, int stride, const Record& r, int x, int y, bool in_row,
                                          int count) {
 #pragma unroll 1
   for (int m = 0; m < count; ++m) {
@@ -257,6 +258,7 @@ __device__ __noinline__ void draw_tested(int64_t* first, int stride, const Recor
     int64_t outside = 0;
     for (int k = 0; k < 3; ++k) outside |= edge_steps(edge_of(r.x, r.y, k), px, py);
     if (outside < 0) continue;
+    if constexpr (kCounts) count_fragment(first + (int64_t)m * stride);
     float depth;
     if (is_thin(r)) {
       depth = thin_depth(&r, px, py);

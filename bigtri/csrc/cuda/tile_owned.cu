@@ -76,7 +76,8 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Tiles& t, const
       copy_record(t.records + slot, records[i]);
       each_square(records[i], t.tile, t.columns, [&](int tile) { atomicAdd(&t.sizes[tile], 1u); });
     } else {
-      warp_draw(f.packed, f.view.width, records[i]);
+      if (lane_id() == 0) count_work(f, Counter::overflows, 1);
+      warp_draw(frame_pixel(f, f.packed), f.view.width, records[i]);
     }
   }
   __syncwarp();
@@ -112,7 +113,7 @@ __global__ void __launch_bounds__(kThreads)
       else
         t.entries[t.first[tile] + atomicAdd(&t.filled[tile], 1u)] = slot;
     });
-    if (__any_sync(kAllLanes, nowhere)) warp_draw(f.packed, f.view.width, t.records[slot]);
+    if (__any_sync(kAllLanes, nowhere)) warp_draw(frame_pixel(f, f.packed), f.view.width, t.records[slot]);
   }
 }
 
