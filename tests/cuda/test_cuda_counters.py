@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import counted_work
 import numpy as np
 import pytest
 import torch
@@ -56,6 +57,8 @@ def test_work_is_the_reference_s(variant: str, name: str) -> None:
     assert found["records"] == found.get("by_rows", 0) + found.get("by_tiles", 0)
     assert found["records"] == records or (variant in ("bin_owned", "two_stage") and records < found["records"] <= len(every.xy))
     assert found["fragments"] == offered or (variant in HIDE and found["fragments"] < offered)
+    if variant in counted_work.SAME:
+        counted_work.check(variant, found, case)
     if "early_z" in has:
         assert counted(name, variant, {"early_z": 1})["fragments"] <= found["fragments"]
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
+import counted_work
 import cuda_on_cpu
 import numpy as np
 import pytest
@@ -388,11 +389,20 @@ def test_counters() -> None:
         if variant in ENTRIES:
             assert of["entries"] == ENTRIES[variant](records).sum(), (variant, name)
         assert of["overflows"] == 0
-        if variant != "persistent":
+        if variant == "persistent":
+            assert of["written"] == found.job.packed.size, (variant, name)
+        else:
             assert np.array_equal(fragments, model.fragments), (variant, name)
+        if variant in counted_work.SAME:
+            counted_work.check(variant, of, case_of(name))
         # Of more blocks than there is room for, those that have room.
         _, again, few, *_ = counted(name, variant, settings, room=2)
         assert few.tolist() == blocks[:2].tolist() and np.array_equal(again, fragments), (variant, name)
+    # Where each triangle is drawn after the one before it, fragments pass as in the reference.
+    counting_kernels().set_order(0)
+    for variant, name in itertools.product(counted_work.SAME, ("hundreds_in_a_bin", "slivers_across", "many_small")):
+        of = counted(name, variant, {"early_z": 0, "search": 32, "batch": 1, "blocks": 1}).of
+        assert of["passed"] == counted_work.passed_in_order(case_of(name)), (variant, name)
 
 
 @exhaustive
@@ -408,10 +418,13 @@ def test_counters_of_bin_owned() -> None:
             assert of["by_rows"] == of["atomics"] == 0
             seen = len(np.unique(bigtri.rasterize(*case).triangle)) - 1
             assert seen <= of["entries"] <= 8 * squares(found.records, 64).sum()
-        elif not of["by_tiles"]:
+            assert of["written"] >= found.job.packed.size
+        else:
+            assert of["written"] == of["passed"]
+        if not of["by_tiles"]:
             assert of["entries"] == of["overflows"] == 0
             assert np.array_equal(found.fragments, found.model.fragments), name
-        elif queue == 1 and of["by_tiles"] > 2:  # a sliver and another one find room
+        elif not by_patches and queue == 1 and of["by_tiles"] > 2:  # a sliver and another one find room
             assert of["overflows"] >= of["by_tiles"] - 2
 
 

@@ -41,6 +41,7 @@ __device__ __forceinline__ void draw_in_cell(const Frame& f, const Record& r, in
     edge[k] = edge_of(r.x, r.y, k);
     first[k] = edge_steps(edge[k], x0, y0);
   }
+  if (threadIdx.x == 0) count_work(f, Counter::edges_64, 3 * (int64_t)columns * (y1 - y0));
   for (int n = threadIdx.x; n < columns * (y1 - y0); n += blockDim.x) {
     const int i = n % columns, j = n / columns, x = x0 + i, y = y0 + j;
     int64_t outside = 0;
@@ -51,7 +52,7 @@ __device__ __forceinline__ void draw_in_cell(const Frame& f, const Record& r, in
                                           : finish_depth(plane_row<double>(plane.zcell, plane.dzdy, y % kBin) +
                                                              plane_column<double>(plane.dzdx, x % kBin),
                                                          r.zmin, r.zmax);
-    keep_nearest(f.packed + (int64_t)y * f.view.width + x, pack_fragment(z, r.triangle), false);
+    keep_nearest_counted(f, f.packed + (int64_t)y * f.view.width + x, pack_fragment(z, r.triangle));
   }
 }
 

@@ -50,7 +50,9 @@ __device__ __forceinline__ void count_fragment(const FramePixel& p) {
 __device__ __forceinline__ void keep_nearest(const FramePixel& p, int64_t packed, bool read_first) {
   if (read_first && __ldcg(p.at) <= packed) return;
   count_work(*p.frame, Counter::atomics, 1);
-  count_work(*p.frame, Counter::passed, atomicMin(reinterpret_cast<long long*>(p.at), (long long)packed) > packed);
+  const bool nearer = packed < atomicMin(reinterpret_cast<long long*>(p.at), (long long)packed);
+  count_work(*p.frame, Counter::passed, nearer);
+  count_work(*p.frame, Counter::written, nearer);
 }
 #else
 constexpr bool kCounts = false;

@@ -242,6 +242,11 @@ __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, boo
   asm volatile("red.relaxed.gpu.global.min.s64 [%0], %1;" ::"l"(__cvta_generic_to_global(pixel)), "l"(packed));
 }
 
+// The same of a pixel of the image, not read first; counted by kernels that count.
+__device__ __forceinline__ void keep_nearest_counted(const Frame& f, int64_t* pixel, int64_t packed) {
+  keep_nearest(frame_pixel(f, pixel), packed, false);
+}
+
 // The same for a pixel in shared memory, where warps may draw at the same time. Of 64 bits, a minimum there is a
 // compare-and-swap, so the pixel is read first.
 __device__ __forceinline__ void keep_nearest_shared(int64_t* pixel, int64_t packed) {

@@ -310,6 +310,8 @@ __device__ __forceinline__ void find_touched(const Candidates& candidates) {
 template <Output kOutput, class Region>
 __device__ __forceinline__ void draw_region(const Frame& f, int view, Region& region, const PatchEntry* entries,
                                             const uint16_t* list, int count, bool empty, const Record* records) {
+  if constexpr (kCounts && kOutput == Output::kWrite)
+    region.each(f, [&](int, uint32_t) { count_work(f, Counter::written, 1); });
   if (kOutput == Output::kWrite && count == 0) {
     region.clear();
     region.store(f);

@@ -168,7 +168,7 @@ struct BinPixels<false> {
   // Atomic operations pass the L1 cache by.
   __device__ __forceinline__ static int64_t look(const int64_t* pixel) { return __ldcg(pixel); }
   __device__ __forceinline__ static void lower(const Frame& f, int64_t* pixel, int64_t packed) {
-    keep_nearest(frame_pixel(f, pixel), packed, false);
+    keep_nearest_counted(f, pixel, packed);
   }
 };
 
@@ -339,7 +339,11 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int whole, int p
     }
   }
   __syncthreads();
-  if (kPatch) each_pixel(f, bin_x, bin_y, [&](int i, int64_t* pixel) { *pixel = pixels.first[i]; });
+  if (kPatch)
+    each_pixel(f, bin_x, bin_y, [&](int i, int64_t* pixel) {
+      *pixel = pixels.first[i];
+      count_work(f, Counter::written, 1);
+    });
   if (threadIdx.x == 0) j.bin_count[bin] = 0;  // for the next pass
 }
 

@@ -27,7 +27,7 @@ __device__ __forceinline__ void draw_span(const Frame& f, const Record& r, int b
     const float z = r.flags & kRecordThin
                         ? thin_depth(&r, x, y)
                         : finish_depth(row + plane_column<double>(plane.dzdx, x % kBin), r.zmin, r.zmax);
-    keep_nearest(to + x, pack_fragment(z, r.triangle), false);
+    keep_nearest_counted(f, to + x, pack_fragment(z, r.triangle));
   }
 }
 
@@ -38,6 +38,7 @@ __device__ __noinline__ void draw_primitive(const Frame& f, const Primitive& p, 
   count_work(f, Counter::records, 1);
   count_work(f, Counter::by_rows, 1);
   count_work(f, Counter::rows, r.y1 - r.y0);
+  count_work(f, Counter::edges_64, 3 * (int64_t)(r.y1 - r.y0));
   for (int y = r.y0; y < r.y1; ++y) {
     int64_t lower = 0, upper = r.x1 - r.x0;
     for (int k = 0; k < 3; ++k) {
