@@ -23,7 +23,7 @@ class WorkMap(NamedTuple):
     counters: dict[str, int]  # of csrc/core/counters.h, those that are not 0, of the same drawing
     fragments: NDArray[np.int64]  # [64 rows, 64 columns], of bins: the fragments offered to each pixel
     # Edge values by the square that they were computed for: tiles of 8 px, squares twice as wide, and so on up to one that
-    # holds all bins; [down, across] each. None: of CUDA, where they are not counted.
+    # holds all bins; [down, across] each. None: of CUDA, which counts them without their place.
     edges: tuple[NDArray[np.int64], ...] | None
     # [N]: edge values and fragments of each task that drew, the most first; on CUDA fragments alone, of each block that
     # offered any.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 
 import numpy as np
 import pytest
@@ -101,6 +102,11 @@ def test_the_extension_refuses_a_mix_without_a_name(backend: str) -> None:
 def test_a_rung_that_is_not_built_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     few = {name: native.REGISTRY["cpu"][name] for name in (*PRESETS, "subpixel4")}
     monkeypatch.setitem(native.REGISTRY, "cpu", few)
+
+    def refused(*_: object) -> None:
+        raise RuntimeError("as an extension without the rung says")
+
+    monkeypatch.setattr(importlib.import_module("bigtri.ops.rasterize"), "_rasterize_new", refused)
     text = (
         "precision must be one of 'exact', 'balanced', 'fast', 'subpixel4' on the CPU, got 'depth_reversed'; build the extension "
         "with BIGTRI_LADDER=1"

@@ -14,7 +14,7 @@ namespace {
 // Calls use(square) for the squares of `size` px that the record's bounding box meets and that no edge rejects, numbered
 // row by row, `columns` a row; a lane each. By all lanes. In int64: edges may be far away.
 template <class Use>
-__device__ __forceinline__ void each_square(const Record& r, int size, int columns, const Use& use) {
+__device__ __forceinline__ void each_square(const Frame& f, const Record& r, int size, int columns, const Use& use) {
   const int x0 = r.x0 / size, y0 = r.y0 / size, across = (r.x1 - 1) / size - x0 + 1,
             count = across * ((r.y1 - 1) / size - y0 + 1);
   for (int i = lane_id(); i < count; i += kWarp) {
@@ -25,8 +25,20 @@ __device__ __forceinline__ void each_square(const Record& r, int size, int colum
       rejected |=
           edge_steps(e, x * size, y * size) + (int64_t)(size - 1) * ((int64_t)max_of(-e.dy, 0) + max_of(e.dx, 0)) < 0;
     }
+    count_work(f, Counter::bins_tested, 1);
+    count_work(f, Counter::bins_rejected, rejected);
+    count_work(f, Counter::edges_64, 3);
     if (!rejected) use(y * columns + x);
   }
+}
+
+// Counts what meet() has asked: of each edge two corners of the area, and one of the bin that it lies in.
+__device__ __forceinline__ void count_meeting(const Frame& f, const Meeting& m, Counter tested, Counter rejected,
+                                              Counter accepted) {
+  count_work(f, tested, 1);
+  count_work(f, rejected, !m.meets());
+  count_work(f, accepted, (m.info & Entry::kEntryFull) != 0);
+  count_work(f, Counter::edges_64, 9);
 }
 
 struct BinQueues {
@@ -100,9 +112,10 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const BinQueues& q, c
     }
     copy_record(q.records + slot, records[i]);
     bool full = false;
-    each_square(records[i], q.size, q.columns, [&](int bin) {
+    each_square(f, records[i], q.size, q.columns, [&](int bin) {
       const uint32_t at = atomicAdd(&q.sizes[bin], 1u);
       count_work(f, Counter::entries, 1);
+      count_work(f, Counter::atomics, 1);
       count_work(f, Counter::overflows, at >= (uint32_t)q.room);
       if (at < (uint32_t)q.room)
         q.slots[(int64_t)bin * q.room + at] = slot;

@@ -76,25 +76,30 @@ struct Shared {
 };
 static_assert(sizeof(Shared) <= 48 * 1024, "as much as a block can have without asking");
 
-__device__ __forceinline__ uint64_t tile_mask(const Record& r, const Entry& e, int left, int top) {
+__device__ __forceinline__ uint64_t tile_mask(const Frame& f, const Record& r, const Entry& e, int left, int top) {
   uint64_t mask = 0;
   for (uint64_t todo = bbox_tiles(r.x0 - left, r.y0 - top, r.x1 - left, r.y1 - top); todo; todo &= todo - 1) {
     const int tile = __ffsll((long long)todo) - 1;
     bool touched = true;
     for (int k = 0; k < 3; ++k) touched &= tile_edge(e.edge[k], tile % 8, tile / 8) + tile_highest(e.edge[k]) >= 0;
+    count_work(f, Counter::tiles_tested, 1);
+    count_work(f, Counter::tiles_rejected, !touched);
+    count_work(f, Counter::edges_32, 3);
     if (touched) mask |= todo & -todo;
   }
   return mask;
 }
 
 // The pixels of a tile that an entry covers.
-__device__ __forceinline__ uint64_t coverage_mask(const Entry& e, int tile) {
+__device__ __forceinline__ uint64_t coverage_mask(const Frame& frame, const Entry& e, int tile) {
   int32_t f[3];
   bool full = true;
   for (int k = 0; k < 3; ++k) {
     f[k] = tile_edge(e.edge[k], tile % 8, tile / 8);
     full &= f[k] + tile_lowest(e.edge[k]) >= 0;
   }
+  count_work(frame, Counter::tiles_accepted, full);
+  count_work(frame, Counter::edges_32, full ? 3 : 3 + 3 * kTile * kTile);
   if (full) return ~0ull;
   uint64_t outside = 0;
 #pragma unroll 1
@@ -153,7 +158,7 @@ __device__ __forceinline__ void draw_tile(const Frame& f, const Record* records,
     int entry = 0;
     if (base + lane_id() < touching) {
       entry = m->touching[base + lane_id()];
-      mask = coverage_mask(s->entries[entry], tile) & allowed;
+      mask = coverage_mask(f, s->entries[entry], tile) & allowed;
     }
     const int end = warp_sum_up_to(__popc((unsigned)mask) + __popc((unsigned)(mask >> 32))),
               begin = end - __popc((unsigned)mask) - __popc((unsigned)(mask >> 32)),
@@ -176,7 +181,7 @@ __device__ __forceinline__ void draw_tile(const Frame& f, const Record* records,
               ? thin_depth(records + e.slot(), left + i, top + j)
               : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j) + plane_column<double>(e.plane.dzdx, i),
                              e.zmin, e.zmax);
-      keep_nearest_shared(&s->pixels[j * kBin + i], pack_fragment(z, e.triangle));
+      keep_nearest_shared_counted(f, &s->pixels[j * kBin + i], pack_fragment(z, e.triangle));
     }
     __syncwarp();
   }
@@ -210,10 +215,11 @@ __global__ void __launch_bounds__(kThreads)
         const uint32_t slot = q.slot(bin, i);
         const Record& r = q.records[slot];
         const Meeting meeting = meet(r, slot, left / kBin, top / kBin, 0, 0, kBin, kBin);
+        count_meeting(f, meeting, Counter::bins_tested, Counter::bins_rejected, Counter::bins_accepted);
         if (meeting.meets()) {
           const int at = atomicAdd(&s.count, 1);
           meeting.make_entry(r, &s.entries[at]);
-          s.tiles[at] = tile_mask(r, s.entries[at], left, top);
+          s.tiles[at] = tile_mask(f, r, s.entries[at], left, top);
           count_work(f, Counter::entries, __popc((unsigned)s.tiles[at]) + __popc((unsigned)(s.tiles[at] >> 32)));
         }
       }
@@ -222,7 +228,10 @@ __global__ void __launch_bounds__(kThreads)
         draw_tile(f, q.records, tile, left, top, &s.masks[this_warp()], &s);
     }
     __syncthreads();
-    each_pixel([&](int64_t pixel, int64_t& there) { there = pixel; });
+    each_pixel([&](int64_t pixel, int64_t& there) {
+      there = pixel;
+      count_work(f, Counter::written, 1);
+    });
   }
 }
 

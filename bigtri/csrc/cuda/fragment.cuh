@@ -253,6 +253,14 @@ __device__ __forceinline__ void keep_nearest_shared(int64_t* pixel, int64_t pack
   if (reread(*pixel) > packed) atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed);
 }
 
+// The same, counted by kernels that count.
+__device__ __forceinline__ void keep_nearest_shared_counted(const Frame& f, int64_t* pixel, int64_t packed) {
+  if constexpr (kCounts)
+    count_work(f, Counter::passed, packed < atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed));
+  else
+    keep_nearest_shared(pixel, packed);
+}
+
 // Pixels next to each other of a record, from (x, y) on in a row, or in a column, each with a test and a plane of its
 // own: for what is thin, and for the ends of slivers. first: the first one in the frame; stride: to the next one.
 __device__ __noinline__ void draw_tested(FramePixel first, int stride, const Record& r, int x, int y, bool in_row,

@@ -98,9 +98,10 @@ __device__ __forceinline__ void store(const Frame& f, const Pyramid& p, const Re
   while (at + 1 < p.levels && tiles_met(r, p.level[at].tile) > p.most) ++at;
   const Level& level = p.level[at];
   bool full = false;
-  each_square(r, level.tile, level.columns, [&](int64_t tile) {
+  each_square(f, r, level.tile, level.columns, [&](int64_t tile) {
     const uint32_t place = atomicAdd(&p.sizes[level.first_tile + tile], 1u);
     count_work(f, Counter::entries, 1);
+    count_work(f, Counter::atomics, 1);
     count_work(f, Counter::overflows, place >= (uint32_t)level.room);
     if (place < (uint32_t)level.room)
       p.slots[level.first_slot + tile * level.room + place] = slot;
@@ -156,7 +157,7 @@ __global__ void __launch_bounds__(kThreads, 4)
       draw_listed(f, p.records, count, early_z, &region, entries[this_warp()], [&](int k) { return slots[k]; });
     }
     draw_listed(f, p.records, left, early_z, &region, entries[this_warp()], [&](int k) { return p.left[k]; });
-    region.store(f);
+    store_region(f, region);
   }
 }
 

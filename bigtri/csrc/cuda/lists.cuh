@@ -84,6 +84,7 @@ __device__ __forceinline__ void put_into_lists(const Frame& f, const Waiting& w,
       const int64_t bin = w.bin(view, bin_x, bin_y);
       const uint32_t at = atomicAdd(&w.sizes[bin], 1u);
       count_work(f, Counter::entries, 1);
+      count_work(f, Counter::atomics, 1);
       count_work(f, Counter::overflows, at >= (uint32_t)w.list_room);
       if (at < (uint32_t)w.list_room)
         w.slots[bin * w.list_room + at] = its_slot;
@@ -97,6 +98,7 @@ __device__ __forceinline__ void put_into_lists(const Frame& f, const Waiting& w,
   }
   if (wide) {
     const uint32_t at = claim(w.common_count(), w.room, 1);
+    count_work(f, Counter::atomics, 1);
     w.common_boxes[at] = {box_of(records[lane_id()]), view};
     w.common_slots[at] = slot;
   }

@@ -2,6 +2,7 @@
 // the tiles that own it, and write each pixel once.
 #pragma once
 
+#include "bin_queues.cuh"
 #include "region.cuh"
 
 namespace bigtri {
@@ -25,12 +26,14 @@ __device__ __forceinline__ void draw_listed(const Frame& f, const Record* record
     if (i < count) {
       its = slot(i);
       m = meet(records[its], its, region->left / kBin, region->top / kBin, region->x(), region->y(), kRegion, kRegion);
+      count_meeting(f, m, Counter::tiles_tested, Counter::tiles_rejected, Counter::tiles_accepted);
     }
     if (early_z) region->bound = min_of(region->bound, bits_float(warp_min(float_bits(m.farthest))));
     const bool seen = m.meets() && m.nearest <= region->bound;
     const unsigned all = __ballot_sync(kAllLanes, seen);
     __syncwarp();  // all have drawn the entries before these
     if (seen) m.make_entry(records[its], entries + __popc(all & lanes_below()));
+    count_work(f, Counter::edges_32, seen && !(m.info & Entry::kEntryFull) ? 3 * kRegion * kRegion : 0);
     __syncwarp();
     for (int k = 0; kCounts && k < __popc(all); ++k) count_fragments(f, *region, region->cut, entries[k]);
     for (int k = 0; k < __popc(all); ++k) region->draw(entries[k], entries[k].info & Entry::kEntryFull, false, records);
@@ -50,6 +53,11 @@ __device__ __forceinline__ void begin_region(const Frame& f, int left, int top, 
   region->clear();
   if (others) region->load(f);
   region->begin(f);
+}
+
+__device__ __forceinline__ void store_region(const Frame& f, const Region& region) {
+  region.store(f);
+  if constexpr (kCounts) region.each(f, [&](int, uint32_t) { count_work(f, Counter::written, 1); });
 }
 
 }  // namespace

@@ -45,11 +45,16 @@ PairQueue take_pairs(Scratch* scratch, const Frame& f, int64_t queue, int64_t se
 // lanes.
 __device__ __forceinline__ void queue_pairs(const Frame& f, const PairQueue& q, const Record& r, uint32_t slot) {
   const BinBox bins = bin_box(r);
-  if (lane_id() == 0) count_work(f, Counter::candidates, bins.count);
+  if (lane_id() == 0) {
+    count_work(f, Counter::candidates, bins.count);
+    count_work(f, Counter::bins_tested, bins.count);
+    count_work(f, Counter::edges_64, 3 * (int64_t)bins.count);
+  }
   for (int base = 0; base < bins.count; base += kWarp) {
     const int i = base + lane_id(), x = bins.x + i % bins.columns, y = bins.y + i / bins.columns;
     TileEdges edges;
     const bool kept = i < bins.count && edges_in_bin(r, x, y, &edges);
+    count_work(f, Counter::bins_rejected, i < bins.count && !kept);
     const unsigned all = __ballot_sync(kAllLanes, kept);
     if (!all) continue;
     uint32_t at = 0;

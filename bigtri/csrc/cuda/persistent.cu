@@ -86,6 +86,7 @@ __device__ __forceinline__ void put(const Frame& f, const Job& j, const Record& 
   if (!narrow_edges(r, bin_x, bin_y, edge)) return;
   const uint32_t at = atomicAdd(&j.bin_count[bin], 1u);
   count_work(f, Counter::entries, 1);
+  count_work(f, Counter::atomics, 1);
   count_work(f, Counter::overflows, at >= (uint32_t)j.room);
   if (at < (uint32_t)j.room) j.queues[(int64_t)bin * j.room + at] = slot;
 }
@@ -153,7 +154,6 @@ struct BinPixels<true> {
   __device__ __forceinline__ static int64_t look(const int64_t* pixel) { return reread(*pixel); }
   __device__ __forceinline__ static void lower(const Frame& f, int64_t* pixel, int64_t packed) {
     const bool passed = atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed) > packed;
-    count_work(f, Counter::atomics, 1);
     count_work(f, Counter::passed, passed);
   }
 };

@@ -46,6 +46,19 @@ struct Squares {
   unsigned touched, full;
 };
 
+// Counts the test of this lane's square, by its rejecting or by its accepting corners. outside: what edges say of these.
+__device__ __forceinline__ void count_squares(const Descent& d, int i, int j, int size, int32_t outside) {
+  const Frame& f = *d.frame;
+  count_work(f, Counter::edges_32, 3);
+  if (lane_id() & 16) return count_work(f, Counter::tiles_accepted, outside >= 0);
+  count_work(f, Counter::tiles_tested, 1);
+  count_work(f, Counter::tiles_rejected, outside < 0);
+  if (outside < 0 || !d.separate) return;
+  const bool boxed = i < d.x1 && i + size > d.x0 && j < d.y1 && j + size > d.y0;
+  count_work(f, Counter::separations, 1);
+  count_work(f, Counter::tiles_separated, !boxed);
+}
+
 // The squares of `size` px, four by four from (x, y) on. By all lanes.
 __device__ __forceinline__ Squares test_squares(const Descent& d, int x, int y, int size) {
   const int i = x + (lane_id() & 3) * size, j = y + (lane_id() >> 2 & 3) * size, last = size - 1;
@@ -53,16 +66,12 @@ __device__ __forceinline__ Squares test_squares(const Descent& d, int x, int y, 
   int32_t outside = 0;
   for (int k = 0; k < 3; ++k)
     outside |= accepts ? lowest_over(d.edge[k], i, j, last, last) : highest_over(d.edge[k], i, j, last, last);
+  if constexpr (kCounts) count_squares(d, i, j, size, outside);
   if (accepts)
     outside |= (i - d.x0) | (d.x1 - 1 - i - last) | (j - d.y0) | (d.y1 - 1 - j - last);
   else if (d.separate)
     outside |= (d.x1 - 1 - i) | (i + last - d.x0) | (d.y1 - 1 - j) | (j + last - d.y0);
   const unsigned inside = __ballot_sync(kAllLanes, outside >= 0);
-  if (lane_id() == 0) {
-    count_work(*d.frame, Counter::tiles_tested, 16);
-    count_work(*d.frame, Counter::tiles_rejected, 16 - __popc(inside & 0xffff));
-    count_work(*d.frame, Counter::tiles_accepted, __popc(inside >> 16));
-  }
   return {inside & 0xffff, inside >> 16};
 }
 
@@ -78,7 +87,7 @@ __device__ __forceinline__ void draw_pixel(const Descent& d, int i, int j) {
           : finish_depth(plane_row<double>(d.plane.zcell, d.plane.dzdy, j) + plane_column<double>(d.plane.dzdx, i),
                          r.zmin, r.zmax);
   const int64_t packed = pack_fragment(z, r.triangle);
-  if (packed < there) keep_nearest(pixel, packed, false);
+  if (packed < there) keep_nearest_counted(*d.frame, pixel, packed);
 }
 
 // The pixel of this lane in a square of 4x4 px at (x, y), 16 lanes a square. full: whether all of it is inside.
@@ -86,6 +95,7 @@ __device__ __forceinline__ void draw_fine(const Descent& d, int x, int y, bool f
   const int i = x + (lane_id() & 3), j = y + (lane_id() >> 2 & 3);
   int32_t outside = 0;
   if (!full) {
+    count_work(*d.frame, Counter::edges_32, 3);
     for (int k = 0; k < 3; ++k) outside |= d.edge[k].f + i * d.edge[k].sx + j * d.edge[k].sy;
     outside |= (i - d.x0) | (d.x1 - 1 - i) | (j - d.y0) | (d.y1 - 1 - j);
   }
@@ -132,6 +142,10 @@ __global__ void __launch_bounds__(kThreads)
   wait_for_previous();
   each_pair(q, [&](const Record& r, int bin_x, int bin_y) {
     Descent d;
+    if (lane_id() == 0) {
+      count_work(f, Counter::bins_tested, 1);
+      count_work(f, Counter::edges_64, 3);
+    }
     if (!narrow_edges(r, bin_x, bin_y, d.edge)) return;
     const int left = bin_x * kBin, top = bin_y * kBin;
     d.frame = &f;

@@ -74,7 +74,10 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Tiles& t, const
     const uint32_t slot = first + (uint32_t)i;
     if (slot < t.record_room) {
       copy_record(t.records + slot, records[i]);
-      each_square(records[i], t.tile, t.columns, [&](int tile) { atomicAdd(&t.sizes[tile], 1u); });
+      each_square(f, records[i], t.tile, t.columns, [&](int tile) {
+        atomicAdd(&t.sizes[tile], 1u);
+        count_work(f, Counter::atomics, 1);
+      });
     } else {
       if (lane_id() == 0) count_work(f, Counter::overflows, 1);
       warp_draw(frame_pixel(f, f.packed), f.view.width, records[i]);
@@ -105,13 +108,14 @@ __global__ void __launch_bounds__(kThreads)
   const uint32_t count = (uint32_t)min_of<uint64_t>(t.counters[Tiles::kRecordCount], t.record_room);
   for (uint32_t slot = blockIdx.x * kWarps + this_warp(); slot < count; slot += gridDim.x * kWarps) {
     bool nowhere = false;
-    each_square(t.records[slot], t.tile, t.columns, [&](int tile) {
+    each_square(f, t.records[slot], t.tile, t.columns, [&](int tile) {
       count_work(f, Counter::entries, 1);
       count_work(f, Counter::overflows, t.first[tile] == Tiles::kNowhere);
       if (t.first[tile] == Tiles::kNowhere)
         nowhere = true;
       else
         t.entries[t.first[tile] + atomicAdd(&t.filled[tile], 1u)] = slot;
+      count_work(f, Counter::atomics, t.first[tile] != Tiles::kNowhere);
     });
     if (__any_sync(kAllLanes, nowhere)) warp_draw(frame_pixel(f, f.packed), f.view.width, t.records[slot]);
   }
@@ -131,7 +135,7 @@ __global__ void __launch_bounds__(kThreads, 4)
     const uint32_t* const slots = t.entries + t.first[tile];
     draw_listed(f, t.records, (int)t.filled[tile], early_z, &region, entries[this_warp()],
                 [&](int k) { return slots[k]; });
-    region.store(f);
+    store_region(f, region);
   }
 }
 

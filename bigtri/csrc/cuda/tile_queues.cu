@@ -43,6 +43,9 @@ __device__ __forceinline__ void queue_tiles(const Frame& f, const Record& r, con
     const int tile = __ffsll((long long)todo) - 1, x = tile % 8, y = tile / 8;
     bool touched = true;
     for (int k = 0; k < 3; ++k) touched &= tile_edge(e.edge[k], x, y) + tile_highest(e.edge[k]) >= 0;
+    count_work(f, Counter::tiles_tested, 1);
+    count_work(f, Counter::tiles_rejected, !touched);
+    count_work(f, Counter::edges_32, 3);
     if (!touched) continue;
     count_work(f, Counter::entries, 1);
     const int of_bin = (row * 8 + y) * kRow + column * 8 + x;
@@ -69,17 +72,21 @@ __device__ __forceinline__ void draw_tile(const Frame& f, const Record* records,
     for (int half = 0; half < 2; ++half) {
       int32_t outside = 0;
       for (int m = 0; m < 3; ++m) outside |= e.edge[m].f + i * e.edge[m].sx + (j + 4 * half) * e.edge[m].sy;
+      count_work(f, Counter::edges_32, 3);
       if (outside < 0 || !allowed[half]) continue;
       count_fragment(f, px, py + 4 * half);
       const float z = e.thin() ? thin_depth(records + e.slot(), px, py + 4 * half)
                                : finish_depth(plane_row<double>(e.plane.zcell, e.plane.dzdy, j + 4 * half) +
                                                   plane_column<double>(e.plane.dzdx, i),
                                               e.zmin, e.zmax);
-      best[half] = min_of(best[half], pack_fragment(z, e.triangle));
+      const int64_t packed = pack_fragment(z, e.triangle);
+      count_work(f, Counter::passed, packed < min_of(best[half], there[half]));
+      best[half] = min_of(best[half], packed);
     }
   }
   if (best[0] < there[0]) pixel[0] = best[0];
   if (best[1] < there[1]) pixel[below] = best[1];
+  count_work(f, Counter::written, (best[0] < there[0]) + (best[1] < there[1]));
 }
 
 __global__ void __launch_bounds__(kThreads)
@@ -101,6 +108,7 @@ __global__ void __launch_bounds__(kThreads)
         const uint32_t slot = q.slot(bin, i);
         const Record& r = q.records[slot];
         const Meeting m = meet(r, slot, left / kBin + column, top / kBin + row, 0, 0, kBin, kBin);
+        count_meeting(f, m, Counter::tiles_tested, Counter::tiles_rejected, Counter::tiles_accepted);
         if (m.meets()) {
           m.make_entry(r, &s.entries[threadIdx.x]);
           queue_tiles(f, r, s.entries[threadIdx.x], left + column * kBin, top + row * kBin, column, row, &s);
