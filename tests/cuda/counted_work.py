@@ -22,6 +22,7 @@ Model = Mapping[str, int]
 Numbers = NDArray[np.int64]
 _REGION = 16  # px; kRegion of csrc/cuda/region.cuh
 _WIDE_BIN = 128  # px; kWideBin of csrc/cuda/tile_queues.cu
+_PAIR_BYTES, _SLOT_BYTES = 8, 4  # what a queue of pairs, and a list of slots of records, has of each element
 _MEETING = 9  # edge values of meet() of csrc/cuda/fragment.cuh
 
 
@@ -66,6 +67,7 @@ def _listed(squares: _Tested, times: int = 1) -> dict[str, int]:
         "bins_rejected": times * int((~squares.kept).sum()),
         "edges_64": times * 3 * len(squares.kept),
         "atomics": times * int(squares.kept.sum()),
+        "bytes": _SLOT_BYTES * int(squares.kept.sum()),
     }
 
 
@@ -99,6 +101,7 @@ def recursive_descent(_: Case, records: Records, separate: bool = True) -> Model
     blocks = int(partly.sum()) + int((queued & (apart < 4)).sum())  # of 4x4 px, whose pixels are tested
     separated = int((coarse.kept & ~coarse.boxed).sum()) + int((fine.kept & ~fine.boxed).sum())
     return {
+        "bytes": _PAIR_BYTES * int(queued.sum()),
         "candidates": len(queued),
         "bins_tested": len(queued) + int(queued.sum()),
         "bins_rejected": int((~queued).sum()),
@@ -192,13 +195,15 @@ SAME: dict[str, Callable[[Case, Records], Model]] = {
     "coverage_masks": coverage_masks,
     "tile_owned": tile_owned,
 }
-BY_ATOMICS = ("scanline", "batched", "recursive_descent")  # a fragment is an atomic minimum on the image
+BY_ROWS = ("scanline", "batched")  # they queue nothing
+BY_ATOMICS = (*BY_ROWS, "recursive_descent")  # a fragment is an atomic minimum on the image
 PASSED = (*BY_ATOMICS, "tile_queues", "coverage_masks")  # that count it
 
 
-def check(variant: str, counted: Model, case: Case) -> None:
-    """Of what a variant has counted of a case, with ``early_z`` 0 and without overflows."""
-    wanted = SAME[variant](case, records_of(case))
+def check(variant: str, counted: Model, case: Case, record_bytes: int) -> None:
+    """Of what a variant has counted of a case, with ``early_z`` 0 and without overflows. record_bytes: of one that is queued."""
+    records = records_of(case)
+    wanted = _sum(SAME[variant](case, records), {"bytes": record_bytes * len(records.xy) * (variant not in BY_ROWS)})
     assert wanted == {name: counted.get(name, 0) for name in wanted}, variant
     if variant not in PASSED:
         return
@@ -208,7 +213,7 @@ def check(variant: str, counted: Model, case: Case) -> None:
         assert counted["passed"] == counted["written"] <= counted["atomics"] <= counted["fragments"], variant
     if variant == "tile_queues":
         assert covered <= counted["written"] <= counted["passed"]
-    if variant in ("scanline", "batched"):
+    if variant in BY_ROWS:
         assert counted["atomics"] == counted["fragments"], variant
 
 

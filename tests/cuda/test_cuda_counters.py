@@ -58,7 +58,7 @@ def test_work_is_the_reference_s(variant: str, name: str) -> None:
     assert found["records"] == records or (variant in ("bin_owned", "two_stage") and records < found["records"] <= len(every.xy))
     assert found["fragments"] == offered or (variant in HIDE and found["fragments"] < offered)
     if variant in counted_work.SAME:
-        counted_work.check(variant, found, case)
+        counted_work.check(variant, found, case, 104)  # bytes of csrc/core/record.h's Record on a GPU
     if "early_z" in has:
         assert counted(name, variant, {"early_z": 1})["fragments"] <= found["fragments"]
 

@@ -111,19 +111,23 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const BinQueues& q, c
       continue;
     }
     copy_record(q.records + slot, records[i]);
+    if (lane_id() == 0) count_work(f, Counter::bytes, sizeof(Record));
     bool full = false;
     each_square(f, records[i], q.size, q.columns, [&](int bin) {
       const uint32_t at = atomicAdd(&q.sizes[bin], 1u);
       count_work(f, Counter::entries, 1);
       count_work(f, Counter::atomics, 1);
       count_work(f, Counter::overflows, at >= (uint32_t)q.room);
+      count_work(f, Counter::bytes, at < (uint32_t)q.room ? sizeof(*q.slots) : 0);
       if (at < (uint32_t)q.room)
         q.slots[(int64_t)bin * q.room + at] = slot;
       else
         full = true;
     });
-    if (__any_sync(kAllLanes, full) && lane_id() == 0)
+    if (__any_sync(kAllLanes, full) && lane_id() == 0) {
       q.left[claim(&q.counters[BinQueues::kLeftCount], q.record_room, 1)] = slot;
+      count_work(f, Counter::bytes, sizeof(*q.left));
+    }
   }
   __syncwarp();
 }

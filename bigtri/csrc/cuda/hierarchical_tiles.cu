@@ -103,12 +103,16 @@ __device__ __forceinline__ void store(const Frame& f, const Pyramid& p, const Re
     count_work(f, Counter::entries, 1);
     count_work(f, Counter::atomics, 1);
     count_work(f, Counter::overflows, place >= (uint32_t)level.room);
+    count_work(f, Counter::bytes, place < (uint32_t)level.room ? sizeof(*p.slots) : 0);
     if (place < (uint32_t)level.room)
       p.slots[level.first_slot + tile * level.room + place] = slot;
     else
       full = true;
   });
-  if (__any_sync(kAllLanes, full) && lane_id() == 0) p.left[claim(p.left_count(), p.record_room, 1)] = slot;
+  if (__any_sync(kAllLanes, full) && lane_id() == 0) {
+    p.left[claim(p.left_count(), p.record_room, 1)] = slot;
+    count_work(f, Counter::bytes, sizeof(*p.left));
+  }
 }
 
 // A warp's records to the pyramid; those for which there is no memory are drawn at once.
@@ -124,6 +128,7 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Pyramid& p, con
     const uint32_t slot = first + (uint32_t)i;
     if (slot < p.record_room) {
       copy_record(p.records + slot, records[i]);
+      if (lane_id() == 0) count_work(f, Counter::bytes, sizeof(Record));
       store(f, p, records[i], slot);
     } else {
       if (lane_id() == 0) count_work(f, Counter::overflows, 1);

@@ -63,6 +63,7 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const PairQueue& q, 
     const bool room = at < q.pair_room;
     count_work(f, Counter::entries, kept);
     count_work(f, Counter::overflows, kept && !room);
+    count_work(f, Counter::bytes, kept && room ? sizeof(Pair) : 0);
     if (kept && room) q.pairs[at] = {slot, (uint16_t)x, (uint16_t)y};
     for (unsigned todo = __ballot_sync(kAllLanes, kept && !room); todo; todo &= todo - 1) {
       const int lane = __ffs(todo) - 1;
@@ -86,6 +87,7 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const PairQueue& q, c
     const uint32_t slot = first + (uint32_t)i;
     if (slot < q.record_room) {
       copy_record(q.records + slot, records[i]);
+      if (lane_id() == 0) count_work(f, Counter::bytes, sizeof(Record));
       queue_pairs(f, q, records[i], slot);
     } else {
       if (lane_id() == 0) count_work(f, Counter::overflows, 1);

@@ -74,6 +74,7 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Tiles& t, const
     const uint32_t slot = first + (uint32_t)i;
     if (slot < t.record_room) {
       copy_record(t.records + slot, records[i]);
+      if (lane_id() == 0) count_work(f, Counter::bytes, sizeof(Record));
       each_square(f, records[i], t.tile, t.columns, [&](int tile) {
         atomicAdd(&t.sizes[tile], 1u);
         count_work(f, Counter::atomics, 1);
@@ -116,6 +117,7 @@ __global__ void __launch_bounds__(kThreads)
       else
         t.entries[t.first[tile] + atomicAdd(&t.filled[tile], 1u)] = slot;
       count_work(f, Counter::atomics, t.first[tile] != Tiles::kNowhere);
+      count_work(f, Counter::bytes, t.first[tile] != Tiles::kNowhere ? sizeof(*t.entries) : 0);
     });
     if (__any_sync(kAllLanes, nowhere)) warp_draw(frame_pixel(f, f.packed), f.view.width, t.records[slot]);
   }
