@@ -5,7 +5,7 @@ beside it; no GPU has to be there. BIGTRI_CUDA=0 leaves them out, BIGTRI_CUDA=1 
 which architectures ("7.5;9.0;12.0+PTX"); by default for the GPUs of this machine, or for all of these where there is none.
 
 BIGTRI_LADDER=1 builds the rungs that are there to show what accuracy costs too (docs/accuracy.md). BIGTRI_CUDA_COUNTING=1
-compiles the published designs on CUDA a second time, with counters of their work (docs/variants.md).
+compiles the variants of `exact` on CUDA a second time, with counters of their work (docs/variants.md).
 """
 
 import os
@@ -153,9 +153,8 @@ def cuda_sources() -> list[str]:
             own = [f for f in each if f.stem not in elsewhere]
         found += [per_rung(f, rung) for f in own]
     if with_cuda_counting():
-        text = (CSRC / "cuda/variants.h").read_text()
-        counted = re.findall(r"\bX\((\w+)\)", re.search(r"#define BIGTRI_CUDA_COUNTED\(X\)((?:.*\\\n)*.*)", text)[1])
-        found += [per_rung(f, RUNGS[0], counting=True) for f in each if f.stem in (*counted, "clear", "variants")]
+        counted = (*variants[RUNGS[0]], "clear", "variants")
+        found += [per_rung(f, RUNGS[0], counting=True) for f in each if f.stem in counted]
     return found
 
 

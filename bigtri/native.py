@@ -157,7 +157,7 @@ def devices() -> list[str]:
 
 
 def counting_on_cuda() -> list[str]:
-    """Variants whose work kernels for CUDA count; none, unless the extension was built with ``BIGTRI_CUDA_COUNTING=1``."""
+    """Variants that count their work on CUDA: those of ``exact``, if the extension was built with ``BIGTRI_CUDA_COUNTING=1``."""
     names = torch.ops.bigtri.cuda_counting() if "cuda" in VARIANTS else ""
     return names.split(", ") if names else []
 

@@ -92,8 +92,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         own = registered_variants() if options.load else {}
         variants = arguments.chosen("variant", options.variants, [*rungs[options.precision], *own])
         counted = [variant for variant in variants if variant not in own]
-        if options.plots and options.device == "cuda":
-            counted = [variant for variant in counted if variant in native.counting_on_cuda()]
         if options.plots and not counted:
             raise ValueError("--plots must be given with a variant of the extension, which counts its work")
         if options.isa:

@@ -47,7 +47,7 @@ def count(
         variant: one of ``bigtri.native.VARIANTS["cpu"]``.
         backend: "native" draws with the build that counts, "reference" works the numbers out from the stages; "auto".
         device: where the native backend draws: "cpu", or "cuda", if it was built with ``BIGTRI_CUDA_COUNTING=1``. There the
-            published designs count their work, as far as their kernels do it (docs/variants.md).
+            variants of ``exact`` count their work, as far as their kernels do it (docs/variants.md).
         parameters: values of the variant's parameters by name, instead of the standard ones.
 
     Raises:

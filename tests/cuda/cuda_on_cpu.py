@@ -36,8 +36,6 @@ OF_A_RUNG = tuple(name for name in SOURCES if "BIGTRI_NAMESPACE" in (CSRC / f"cu
 REGISTRY = dict(re.findall(r"#define BIGTRI_CUDA_VARIANTS_(\w+)\(X\)(.*)", (CSRC / "cuda/variants.h").read_text()))
 VARIANTS_OF = {rung: tuple(re.findall(r"X\((\w+)\)", listed)) for rung, listed in REGISTRY.items()}
 VARIANTS = VARIANTS_OF["exact"]
-LISTED = re.search(r"#define BIGTRI_CUDA_COUNTED\(X\)((?:.*\\\n)*.*)", (CSRC / "cuda/variants.h").read_text())
-COUNTED = re.findall(r"X\((\w+)\)", LISTED[1] if LISTED else "")
 # Differ from exact in attributes alone, and are drawn by its kernels.
 DRAWN_AS_EXACT = re.findall(r"struct (\w+) : drawn_as_exact", (CSRC / "core/precision.h").read_text())
 TOGETHER = ("persistent",)  # their blocks wait for each other, but here one runs after the other: so there is only one
@@ -187,9 +185,9 @@ def build_rung(folder: Path, rung: str) -> ctypes.CDLL:
 
 
 def build_counting(folder: Path) -> ctypes.CDLL:
-    """Compile the variants that count their work with counters, and what they need of ``exact`` beside them."""
+    """Compile the variants with counters of their work, and what they need of ``exact`` beside them."""
     copy_sources(folder)
-    sources = [*(folder / f"cuda/{name}.cu" for name in (*COUNTED, "clear", "variants")), HERE / "cuda_on_cpu.cpp"]
+    sources = [*(folder / f"cuda/{name}.cu" for name in (*VARIANTS, "clear", "variants")), HERE / "cuda_on_cpu.cpp"]
     there = [unchanged("exact") / f"{name}.o" for name in SOURCES if name != "variants"]
     return compile_and_link(folder, sources, there, "exact", "-Og", "-DBIGTRI_COUNTING")
 

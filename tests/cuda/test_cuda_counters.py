@@ -24,7 +24,8 @@ from bigtri.study import tune
 
 pytestmark = needs_cuda
 
-COUNTED = ("scanline", "batched", "recursive_descent", "hierarchical_tiles", "tile_queues", "coverage_masks", "tile_owned")
+COUNTED = tuple(native.VARIANTS.get("cuda", ()))  # those of exact
+HIDE = ("bin_owned", "persistent")  # what an entry covers hides what lies behind, in an order that the device decides
 Counted = TypeVar("Counted")
 
 
@@ -45,13 +46,17 @@ mapped = partial(of_the_build, map_work)
 @pytest.mark.parametrize("name", ["many_small", "guard_band", "mixed"])
 @pytest.mark.parametrize("variant", COUNTED)
 def test_work_is_the_reference_s(variant: str, name: str) -> None:
-    """What depends on nothing: records, and the pixels that they cover, each offered its depth once."""
+    """What depends on nothing: records, and the pixels that they cover, each offered its depth once; where depth hides some,
+    and where records are drawn by rows before it is known that they cover nothing, the bounds."""
     has = native.REGISTRY[DEVICE]["exact"][variant].parameters
     found = counted(name, variant, {"early_z": 0} if "early_z" in has else {})
     case = case_of(Scene(name))
-    records = without_empty(reference.setup(case.positions, case.triangles, *case.resolution)[0], EXACT)
-    model = counters.count(*case, variant="scanline", backend="reference")
-    assert (found["records"], found["fragments"]) == (len(records.xy), model["fragments"])
+    every, _ = reference.setup(case.positions, case.triangles, *case.resolution)
+    records = len(without_empty(every, EXACT).xy)
+    offered = counters.count(*case, variant="scanline", backend="reference")["fragments"]
+    assert found["records"] == found.get("by_rows", 0) + found.get("by_tiles", 0)
+    assert found["records"] == records or (variant in ("bin_owned", "two_stage") and records < found["records"] <= len(every.xy))
+    assert found["fragments"] == offered or (variant in HIDE and found["fragments"] < offered)
     if variant in counted_work.SAME:
         counted_work.check(variant, found, case, 104)  # bytes of csrc/core/record.h's Record on a GPU
     if "early_z" in has:
@@ -65,17 +70,17 @@ def test_the_map_is_the_reference_s(variant: str) -> None:
     early = "early_z" in has
     case = case_of(Scene("mixed"))
     work = mapped("mixed", variant, {"early_z": 0} if early else {})
-    assert np.array_equal(work.fragments, map_work(*case, variant="scanline", backend="reference").fragments)
+    offered = map_work(*case, variant="scanline", backend="reference").fragments
+    assert variant in HIDE or np.array_equal(work.fragments, offered)
     assert work.edges is None
     of = work.counters
     assert work.tasks.sum() == of["work"] == of["fragments"] == work.by_tile().sum()
     assert (len(work.tasks), work.tasks[0]) == (of["tasks"], of["most_work"])
     assert (np.diff(work.tasks) <= 0).all() and work.tasks[-1] > 0
-    if early:
-        rejecting = mapped("mixed", variant, {"early_z": 1}).fragments
-        height, width = case.resolution
-        seen = bigtri.rasterize(*case).triangle >= 0
-        assert (rejecting <= work.fragments).all() and (rejecting[:height, :width][seen] > 0).all()
+    rejecting = mapped("mixed", variant, {"early_z": 1}).fragments if early else work.fragments
+    height, width = case.resolution
+    seen = bigtri.rasterize(*case).triangle >= 0
+    assert (rejecting <= offered).all() and (rejecting[:height, :width][seen] > 0).all()
 
 
 def test_a_map_of_many_blocks() -> None:
@@ -98,13 +103,13 @@ def test_views_are_counted_together() -> None:
 
 def test_what_is_not_counted_is_named() -> None:
     counted("mixed", "scanline", {})
-    assert {*native.counting_on_cuda()} == {*COUNTED}
-    with pytest.raises(RuntimeError, match="variant must be one of .*scanline"):
-        counters.count(*case_of(Scene("mixed")), variant="bin_owned", device=DEVICE, backend="native")
+    assert native.counting_on_cuda() == [*COUNTED]
+    with pytest.raises(RuntimeError, match="precision must be 'exact' on CUDA, .* got 'fast'"):
+        counters.count(*case_of(Scene("mixed")), variant="bin_owned", precision="fast", device=DEVICE, backend="native")
 
 
 def test_pictures_of_the_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of the variants that count; the others are compared without."""
+    """Of variants whose kernels count."""
     pytest.importorskip("matplotlib")
     counted("mixed", "scanline", {})
     options = ["--device", DEVICE, "--size", "96x64", "--seconds", "0", "--variants", "bin_owned,scanline,tile_owned"]

@@ -6,8 +6,10 @@ import ctypes
 import functools
 import importlib
 import itertools
+import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import counted_work
 import cuda_on_cpu
@@ -22,7 +24,7 @@ from numpy.typing import NDArray
 
 import bigtri
 from bigtri import native, reference
-from bigtri.check.work_map import map_work
+from bigtri.check.work_map import WorkMap, map_work
 from bigtri.ops.rasterize import CULLS
 from bigtri.precision import EXACT
 from bigtri.reference.numerics import edges_of, stepped_values
@@ -318,8 +320,10 @@ def pyramid_entries(records: Records) -> NDArray[np.int64]:
     return np.stack([squares(records, size) for size in sizes])[level, np.arange(len(level))]
 
 
-# What each variant queues, of each record.
+# What each variant queues, of each record. `persistent` hides by depth what an entry covers, `two_stage` draws some by rows.
 ENTRIES: dict[str, Callable[[Records], NDArray[np.int64]]] = {
+    "two_stage": lambda records: squares(records, 64),
+    "persistent": lambda records: squares(records, 64),
     "recursive_descent": lambda records: squares(records, 64),
     "hierarchical_tiles": pyramid_entries,
     "tile_queues": lambda records: squares(records, 128) + squares(records, 8),
@@ -328,63 +332,134 @@ ENTRIES: dict[str, Callable[[Records], NDArray[np.int64]]] = {
 }
 
 
+class Counted(NamedTuple):
+    """What kernels count, and what there is to count."""
+
+    of: dict[str, int]
+    fragments: NDArray[np.int64]
+    blocks: NDArray[np.int64]
+    model: WorkMap
+    records: Records
+    set_up: int  # records, those that cover nothing among them
+    job: Job
+
+    def assert_bounds(self, most: int = 1) -> None:
+        """What depends on no order, and of the rest what each order has: a pixel that is seen was offered its depth, and no
+        pixel by any record more than ``most`` times."""
+        seen = np.zeros(self.fragments.shape, bool)
+        height, width = self.job.case.resolution
+        seen[:height, :width] = self.job.packed != np.iinfo(np.int64).max
+        assert (self.fragments >= seen).all() and (self.fragments <= most * self.model.fragments).all()
+        assert self.fragments.sum() == self.blocks.sum() == self.of["fragments"]
+        assert self.of["records"] == self.of["by_rows"] + self.of["by_tiles"]
+        assert len(self.records.xy) <= self.of["records"] <= self.set_up
+        assert self.of["passed"] <= self.of["fragments"]
+
+
+@functools.cache
+def counting_kernels() -> ctypes.CDLL:
+    return cuda_on_cpu.build_counting(Path(tempfile.mkdtemp(dir=cuda_on_cpu.workspace().name)) / "counting")
+
+
+def counted(name: str, variant: str, settings: dict[str, int], room: int = 4096) -> Counted:
+    case = case_of(name)
+    every, _ = reference.setup(case.positions, case.triangles, *case.resolution)
+    model = map_work(*case, variant="scanline", backend="reference")
+    found, fragments = np.zeros(len(native.COUNTERS), np.int64), np.zeros(model.fragments.shape, np.int64)
+    blocks, drawn = np.zeros(room, np.int64), job(case, variant, settings)
+    to = cuda_on_cpu.counted_work(found, fragments, blocks)
+    packed, _, _ = cuda_on_cpu.draw(counting_kernels(), drawn, to)
+    assert np.array_equal(packed, drawn.packed), "what counts draws the same bits"
+    of = dict(zip(native.COUNTERS, found.tolist(), strict=True))
+    return Counted(of, fragments, blocks, model, without_empty(every, EXACT), len(every.xy), drawn)
+
+
 @exhaustive
-def test_counters(tmp_path: Path) -> None:
+def test_counters() -> None:
     """Records, what is queued of them, and the pixels that they cover, each offered its depth once: those of the reference's
     map. The sum over blocks is that of the pixels."""
-    library = cuda_on_cpu.build_counting(tmp_path / "build")
-    assert {*cuda_on_cpu.COUNTED} == {"scanline", "batched", *ENTRIES}
-    every = itertools.product(cuda_on_cpu.COUNTED, (*ODD, "many_small"))
+    by_rows = {"scanline", "batched"}
+    assert {*VARIANTS} == {"bin_owned", *by_rows, *ENTRIES}
+    every = itertools.product((*by_rows, *ENTRIES), (*ODD, "many_small"))
     for (variant, name), search in zip(every, itertools.cycle((0, 256)), strict=False):
-        case = case_of(name)
-        records = without_empty(reference.setup(case.positions, case.triangles, *case.resolution)[0], EXACT)
-        model = map_work(*case, variant="scanline", backend="reference")
-        wanted = {"records": len(records.xy), "fragments": model.counters["fragments"]}
+        settings = {"early_z": 0, "search": search, "rows": 0}
+        of, fragments, blocks, model, records, _, _ = found = counted(name, variant, settings)
+        found.assert_bounds()
+        assert of["by_rows" if variant in by_rows else "by_tiles"] == of["records"] == len(records.xy), (variant, name)
         if variant in ENTRIES:
-            wanted |= {"by_tiles": len(records.xy), "entries": int(ENTRIES[variant](records).sum())}
+            assert of["entries"] == ENTRIES[variant](records).sum(), (variant, name)
+        assert of["overflows"] == 0
+        if variant == "two_stage":
+            boxed = squares(records, 64, by_edges=False).sum()
+            assert of["candidates"] == of["bins_tested"] == of["entries"] + of["bins_rejected"] == boxed, name
+        if variant == "persistent":
+            assert (of["written"], of["atomics"]) == (found.job.packed.size, of["entries"]), name
         else:
-            wanted |= {"by_rows": len(records.xy)}
-        found, fragments = np.zeros(len(native.COUNTERS), np.int64), np.zeros(model.fragments.shape, np.int64)
-        blocks, few = np.zeros(4096, np.int64), np.zeros(4, np.int64)
-        drawn = job(case, variant, {"early_z": 0, "search": search})
-        cuda_on_cpu.draw(library, drawn, cuda_on_cpu.counted_work(found, fragments, blocks))
-        counted = dict(zip(native.COUNTERS, found.tolist(), strict=True))
-        assert wanted == {key: counted[key] for key in wanted}, (variant, name)
-        assert counted["overflows"] == 0
+            assert np.array_equal(fragments, model.fragments), (variant, name)
         if variant in counted_work.SAME:
-            counted_work.check(variant, counted, case, record_bytes(EXACT))
-        assert np.array_equal(fragments, model.fragments), (variant, name)
-        assert blocks.sum() == fragments.sum(), (variant, name)
+            counted_work.check(variant, of, case_of(name), record_bytes(EXACT))
         # Of more blocks than there is room for, those that have room.
-        cuda_on_cpu.draw(library, drawn, cuda_on_cpu.counted_work(found, fragments, few[:2]))
-        assert few.tolist() == [*blocks[:2], 0, 0] and np.array_equal(fragments, 2 * model.fragments), (variant, name)
+        _, again, few, *_ = counted(name, variant, settings, room=2)
+        assert few.tolist() == blocks[:2].tolist() and np.array_equal(again, fragments), (variant, name)
 
 
 @exhaustive
-def test_counters_of_other_ways(tmp_path: Path) -> None:
+def test_counters_of_other_ways() -> None:
     """Fragments pass as in the reference where each triangle is drawn after the one before it; squares that are not separated."""
-    library = cuda_on_cpu.build_counting(tmp_path / "build")
-
-    def counted(case: Case, variant: str, settings: dict[str, int]) -> dict[str, int]:
-        fragments = np.zeros([-(-size // 64) * 64 for size in case.resolution], np.int64)
-        found, blocks = np.zeros(len(native.COUNTERS), np.int64), np.zeros(0, np.int64)
-        work = cuda_on_cpu.counted_work(found, fragments, blocks)
-        cuda_on_cpu.draw(library, job(case, variant, {"early_z": 0, "blocks": 1, **settings}), work)
-        return dict(zip(native.COUNTERS, found.tolist(), strict=True))
-
     # In one warp a queue is in the order of the triangles, and so is a pyramid of one level; a block that draws one triangle
     # alone has that order with more warps.
-    alone = {"search": 32, "batch": 1, "levels": 1}
+    alone = {"early_z": 0, "blocks": 1, "search": 32, "batch": 1, "levels": 1}
     in_order = [(variant, name, alone) for variant in ("scanline", "batched") for name in ("hundreds_in_a_bin", "many_small")]
     in_order += [(variant, "slivers_across", {**alone, "search": 256}) for variant in counted_work.SAME if variant != "batched"]
     for variant, name, settings in in_order:
-        passed = counted(case_of(name), variant, settings)["passed"]
+        passed = counted(name, variant, settings).of["passed"]
         assert passed == counted_work.passed_in_order(case_of(name)), (variant, name)
     for name in ("long_slivers", "mixed"):
-        case = case_of(name)
-        found = counted(case, "recursive_descent", {"separate": 0})
-        wanted = counted_work.recursive_descent(case, counted_work.records_of(case), separate=False)
+        found = counted(name, "recursive_descent", {"early_z": 0, "blocks": 1, "separate": 0}).of
+        wanted = counted_work.recursive_descent(case_of(name), counted_work.records_of(case_of(name)), separate=False)
         assert {**wanted, "bytes": found["bytes"]} == {key: found[key] for key in wanted}, name
+
+
+@exhaustive
+def test_counters_of_bin_owned() -> None:
+    """Where triangles are few, patches take all; else rows do, and patches and slivers what is too wide for them."""
+    for name, (few, queue) in itertools.product((*ODD, "many_small"), ((65536, 65536), (0, 65536), (0, 1))):
+        settings = {"few": few, "queue": queue}
+        found, case = counted(name, "bin_owned", settings), case_of(name)
+        of, by_patches = found.of, few and len(case.triangles) <= 256
+        # A record that finds a bin's list full is looked at for all bins, also those that list it.
+        found.assert_bounds(most=2 if of["overflows"] and not by_patches else 1)
+        if by_patches:
+            assert of["by_rows"] == of["atomics"] == 0
+            seen = len(np.unique(bigtri.rasterize(*case).triangle)) - 1
+            assert seen <= of["entries"] <= 8 * squares(found.records, 64).sum()
+            assert of["written"] >= found.job.packed.size
+        else:
+            assert of["written"] == of["passed"]
+        if not of["by_tiles"]:
+            assert of["entries"] == of["overflows"] == 0
+            assert np.array_equal(found.fragments, found.model.fragments), name
+        elif not by_patches and queue == 1 and of["by_tiles"] > 2:  # a sliver and another one find room
+            assert of["overflows"] >= of["by_tiles"] - 2
+
+
+@exhaustive
+def test_counters_of_full_queues() -> None:
+    """What finds no room is counted where it is drawn: where nothing is hidden, all fragments are those of the reference."""
+    for name in ODD:
+        records = 0
+        for variant in ENTRIES:
+            found = counted(name, variant, {"queue": 1, "rows": 0, "early_z": 0})
+            found.assert_bounds(most=2)
+            records = found.of["records"]
+            assert found.of["overflows"] >= (records > 1), (variant, name)
+            if variant in ("two_stage", "recursive_descent"):
+                assert found.of["overflows"] >= records - 1, (variant, name)
+                assert np.array_equal(found.fragments, found.model.fragments), (variant, name)
+        found = counted(name, "two_stage", {"rows": 1})
+        found.assert_bounds()
+        assert records <= found.of["records"]
+        assert np.array_equal(found.fragments, found.model.fragments), name
 
 
 @pytest.mark.skipif(not BENCH.exists(), reason="bench/ is not here")

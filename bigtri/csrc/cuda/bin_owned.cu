@@ -104,6 +104,10 @@ __device__ __forceinline__ int set_up_few(const Frame& f, FewShared<P>* s) {
     if (fate == Fate::kWhole) {
       fill_record<!kPairDepth>(p, f.first_triangle + t, &s->records[t]);
       s->boxes[t] = box_of(s->records[t]);
+      if (blockIdx.x == 0) {  // the others set up the same
+        count_work(f, Counter::records, 1);
+        count_work(f, Counter::by_tiles, 1);
+      }
     }
     if (fate == Fate::kClip) s->waiting[0][atomicAdd(&s->waiting_count[0], 1)] = (uint16_t)t;
   }
@@ -142,6 +146,10 @@ __device__ __noinline__ void clip_few(const Frame& f, FewShared<P>* s, int round
         at += __popc(all & lanes_below());
         fill_record<!kPairDepth>(part, f.first_triangle + triangle, &s->records[at]);
         s->boxes[at] = box_of(s->records[at]);
+        if (blockIdx.x == 0) {
+          count_work(f, Counter::records, 1);
+          count_work(f, Counter::by_tiles, 1);
+        }
       }
       __syncwarp();
     }
@@ -215,8 +223,11 @@ __device__ __noinline__ void wait_or_draw(const Frame& f, const Waiting& w, int3
     const int i = __ffs(todo) - 1;
     copy_record((slivers >> i & 1 ? w.slivers : w.records) + __shfl_sync(kAllLanes, slot, i), records[i]);
   }
-  put_into_lists(w, records, view, waiting & ~slivers, slot);
-  draw_now(pixels_of(f, view), f.view.width, records, all & ~waiting);
+  put_into_lists(f, w, records, view, waiting & ~slivers, slot);
+  count_work(f, Counter::records, have);
+  count_work(f, Counter::by_tiles, have);
+  count_work(f, Counter::overflows, have && !(waiting >> lane_id() & 1));
+  draw_now(first_pixel(f, view), f.view.width, records, all & ~waiting);
 }
 
 template <Way kWay>

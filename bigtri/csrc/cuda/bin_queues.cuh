@@ -106,7 +106,8 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const BinQueues& q, c
   for (int i = 0; i < count; ++i) {
     const uint32_t slot = first + (uint32_t)i;
     if (slot >= q.record_room) {
-      warp_draw(f.packed, f.view.width, records[i]);
+      if (lane_id() == 0) count_work(f, Counter::overflows, 1);
+      warp_draw(frame_pixel(f, f.packed), f.view.width, records[i]);
       continue;
     }
     copy_record(q.records + slot, records[i]);

@@ -6,7 +6,6 @@
 
 #include "../core/numerics.h"
 #include "counted_work.h"
-#include "fragment.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -33,28 +32,40 @@ __device__ __forceinline__ void count_fragment(const Frame& f, int x, int y) {
   add_work(work.fragments + y * CountedWork::columns(f.view.width) + x, 1);
   if (blockIdx.x < work.room) add_work(work.blocks + blockIdx.x, 1);
 }
-// keep_nearest() without reading first, of a pixel of the image.
-__device__ __forceinline__ void keep_nearest_counted(const Frame& f, int64_t* pixel, int64_t packed) {
-  const bool nearer = packed < atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed);
-  count_work(f, Counter::atomics, 1);
-  count_work(f, Counter::passed, nearer);
-  count_work(f, Counter::written, nearer);
+
+// A pixel, and the frame whose first view it is in: what is given pixels instead of a frame counts by it.
+struct FramePixel {
+  int64_t* at;
+  const Frame* frame;
+
+  __device__ __forceinline__ FramePixel operator+(int64_t n) const { return {at + n, frame}; }
+};
+__device__ __forceinline__ FramePixel frame_pixel(const Frame& f, int64_t* at) { return {at, &f}; }
+__device__ __forceinline__ FramePixel kept(const FramePixel& p) { return p; }
+__device__ __forceinline__ void count_fragment(const FramePixel& p) {
+  const int64_t n = p.at - p.frame->packed;
+  count_fragment(*p.frame, (int)(n % p.frame->view.width), (int)(n / p.frame->view.width));
 }
-// keep_nearest_shared() of a block's own pixel.
-__device__ __forceinline__ void keep_nearest_shared_counted(const Frame& f, int64_t* pixel, int64_t packed) {
-  count_work(f, Counter::passed, packed < atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed));
+// The twin of the one in fragment.cuh.
+__device__ __forceinline__ void keep_nearest(const FramePixel& p, int64_t packed, bool read_first) {
+  if (read_first && __ldcg(p.at) <= packed) return;
+  count_work(*p.frame, Counter::atomics, 1);
+  const bool nearer = packed < atomicMin(reinterpret_cast<long long*>(p.at), (long long)packed);
+  count_work(*p.frame, Counter::passed, nearer);
+  count_work(*p.frame, Counter::written, nearer);
 }
 #else
 constexpr bool kCounts = false;
 __device__ __forceinline__ void count_work(const Frame&, Counter, int64_t) {}
 __device__ __forceinline__ void count_fragment(const Frame&, int, int) {}
-__device__ __forceinline__ void keep_nearest_counted(const Frame&, int64_t* pixel, int64_t packed) {
-  keep_nearest(pixel, packed, false);
-}
-__device__ __forceinline__ void keep_nearest_shared_counted(const Frame&, int64_t* pixel, int64_t packed) {
-  keep_nearest_shared(pixel, packed);
-}
+using FramePixel = int64_t*;
+__device__ __forceinline__ FramePixel frame_pixel(const Frame&, int64_t* at) { return at; }
+__device__ __forceinline__ void count_fragment(const int64_t*) {}
 #endif
+
+__device__ __forceinline__ FramePixel first_pixel(const Frame& f, int64_t view) {
+  return frame_pixel(f, pixels_of(f, view));
+}
 
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE

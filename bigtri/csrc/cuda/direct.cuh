@@ -64,7 +64,7 @@ __device__ __forceinline__ TileMasks warp_tile_masks(const Record& r, const Tile
 
 // The record within one bin of a view, by a warp; a pixel is read first, since most of what large triangles draw is
 // hidden.
-__device__ __forceinline__ void warp_draw_bin(int64_t* pixels, int width, const Record& r, int bin_x, int bin_y) {
+__device__ __forceinline__ void warp_draw_bin(FramePixel pixels, int width, const Record& r, int bin_x, int bin_y) {
   TileEdges edges;
   if (!edges_in_bin(r, bin_x, bin_y, &edges)) return;
   const TileMasks masks = warp_tile_masks(r, edges);
@@ -82,6 +82,7 @@ __device__ __forceinline__ void warp_draw_bin(int64_t* pixels, int width, const 
       const int j = tile / 8 * kTile + (lane_id() >> 3) + 4 * half;
       if (top + j < r.y0 || top + j >= r.y1) continue;
       if (!full && !is_inside(edges, i, j)) continue;
+      if constexpr (kCounts) count_fragment(pixels + ((int64_t)(top + j) * width + left + i));
       const float z = thin ? thin_depth(&r, left + i, top + j) : pixel_depth<false>(depth, i, j);
       keep_nearest(pixels + (int64_t)(top + j) * width + left + i, pack_fragment(z, r.triangle), true);
     }
@@ -89,13 +90,13 @@ __device__ __forceinline__ void warp_draw_bin(int64_t* pixels, int width, const 
 }
 
 // The whole record, by a warp.
-__device__ __noinline__ void warp_draw(int64_t* pixels, int width, const Record& r) {
+__device__ __noinline__ void warp_draw(FramePixel pixels, int width, const Record& r) {
   for (int y = r.y0 / kBin; y <= (r.y1 - 1) / kBin; ++y)
     for (int x = r.x0 / kBin; x <= (r.x1 - 1) / kBin; ++x) warp_draw_bin(pixels, width, r, x, y);
 }
 
 // Those of a warp's records that are in `which` (bit k: record k), one after the other.
-__device__ __forceinline__ void draw_now(int64_t* pixels, int width, const Record* records, unsigned which) {
+__device__ __forceinline__ void draw_now(FramePixel pixels, int width, const Record* records, unsigned which) {
   for (; which; which &= which - 1) warp_draw(pixels, width, records[__ffs(which) - 1]);
 }
 

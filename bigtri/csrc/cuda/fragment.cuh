@@ -3,6 +3,7 @@
 
 #include "../core/pair_depth.h"
 #include "../core/pixel_depth.h"
+#include "counting.cuh"
 #include "setup.cuh"
 
 namespace bigtri {
@@ -241,15 +242,28 @@ __device__ __forceinline__ void keep_nearest(int64_t* pixel, int64_t packed, boo
   asm volatile("red.relaxed.gpu.global.min.s64 [%0], %1;" ::"l"(__cvta_generic_to_global(pixel)), "l"(packed));
 }
 
+// The same of a pixel of the image, not read first; counted by kernels that count.
+__device__ __forceinline__ void keep_nearest_counted(const Frame& f, int64_t* pixel, int64_t packed) {
+  keep_nearest(frame_pixel(f, pixel), packed, false);
+}
+
 // The same for a pixel in shared memory, where warps may draw at the same time. Of 64 bits, a minimum there is a
 // compare-and-swap, so the pixel is read first.
 __device__ __forceinline__ void keep_nearest_shared(int64_t* pixel, int64_t packed) {
   if (reread(*pixel) > packed) atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed);
 }
 
+// The same, counted by kernels that count.
+__device__ __forceinline__ void keep_nearest_shared_counted(const Frame& f, int64_t* pixel, int64_t packed) {
+  if constexpr (kCounts)
+    count_work(f, Counter::passed, packed < atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed));
+  else
+    keep_nearest_shared(pixel, packed);
+}
+
 // Pixels next to each other of a record, from (x, y) on in a row, or in a column, each with a test and a plane of its
 // own: for what is thin, and for the ends of slivers. first: the first one in the frame; stride: to the next one.
-__device__ __noinline__ void draw_tested(int64_t* first, int stride, const Record& r, int x, int y, bool in_row,
+__device__ __noinline__ void draw_tested(FramePixel first, int stride, const Record& r, int x, int y, bool in_row,
                                          int count) {
 #pragma unroll 1
   for (int m = 0; m < count; ++m) {
@@ -257,6 +271,7 @@ __device__ __noinline__ void draw_tested(int64_t* first, int stride, const Recor
     int64_t outside = 0;
     for (int k = 0; k < 3; ++k) outside |= edge_steps(edge_of(r.x, r.y, k), px, py);
     if (outside < 0) continue;
+    if constexpr (kCounts) count_fragment(first + (int64_t)m * stride);
     float depth;
     if (is_thin(r)) {
       depth = thin_depth(&r, px, py);

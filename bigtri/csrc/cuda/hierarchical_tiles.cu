@@ -131,7 +131,8 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Pyramid& p, con
       if (lane_id() == 0) count_work(f, Counter::bytes, sizeof(Record));
       store(f, p, records[i], slot);
     } else {
-      warp_draw(f.packed, f.view.width, records[i]);
+      if (lane_id() == 0) count_work(f, Counter::overflows, 1);
+      warp_draw(frame_pixel(f, f.packed), f.view.width, records[i]);
     }
   }
   __syncwarp();

@@ -63,11 +63,12 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t ro
 // Puts those of a warp's records of a view that are in `which` (bit k: record k), and which wait in the lanes' slots
 // already, into the lists of the bins that no edge rejects; two records at a time, half of the lanes each, so that a
 // large one does not hold up a lane. By all lanes.
-__device__ __forceinline__ void put_into_lists(const Waiting& w, const Record* records, int32_t view, unsigned which,
-                                               uint32_t slot) {
+__device__ __forceinline__ void put_into_lists(const Frame& f, const Waiting& w, const Record* records, int32_t view,
+                                               unsigned which, uint32_t slot) {
   constexpr int kTeam = kWarp / 2;
   const bool have = which >> lane_id() & 1;
   bool wide = have && (bin_box(records[have ? lane_id() : 0]).count > w.common_above || slot < w.common_below);
+  count_work(f, Counter::entries, wide);
   for (unsigned todo = __ballot_sync(kAllLanes, have && !wide); todo;) {
     const unsigned others = todo & (todo - 1), mine = lane_id() < kTeam ? todo : others;
     const int its_lane = max_of(__ffs(mine) - 1, 0);
@@ -82,6 +83,9 @@ __device__ __forceinline__ void put_into_lists(const Waiting& w, const Record* r
       if (rejected) continue;
       const int64_t bin = w.bin(view, bin_x, bin_y);
       const uint32_t at = atomicAdd(&w.sizes[bin], 1u);
+      count_work(f, Counter::entries, 1);
+      count_work(f, Counter::atomics, 1);
+      count_work(f, Counter::overflows, at >= (uint32_t)w.list_room);
       if (at < (uint32_t)w.list_room)
         w.slots[bin * w.list_room + at] = its_slot;
       else
@@ -94,6 +98,7 @@ __device__ __forceinline__ void put_into_lists(const Waiting& w, const Record* r
   }
   if (wide) {
     const uint32_t at = claim(w.common_count(), w.room, 1);
+    count_work(f, Counter::atomics, 1);
     w.common_boxes[at] = {box_of(records[lane_id()]), view};
     w.common_slots[at] = slot;
   }

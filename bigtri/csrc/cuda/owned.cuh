@@ -12,17 +12,6 @@ namespace {
 // Over all lanes, which all get the result. Of floats >= 0.
 __device__ __forceinline__ float warp_farthest(float v) { return bits_float(~warp_min(~float_bits(v))); }
 
-// Counts the lane's pixels that an entry covers.
-__device__ __forceinline__ void count_fragments(const Frame& f, const Region& region, const Entry& e) {
-  for (int n = 0; n < Region::kPixels; ++n) {
-    const int i = (region.lane_left() & (kBin - 1)) + n % 2, j = (region.lane_top() & (kBin - 1)) + n / 2 * 4;
-    int32_t outside = 0;
-    for (int k = 0; k < 3; ++k) outside |= e.edge[k].f + i * e.edge[k].sx + j * e.edge[k].sy;
-    if ((region.cut & Region::bit_of(n)) && outside >= 0)
-      count_fragment(f, region.lane_left() + n % 2, region.lane_top() + n / 2 * 4);
-  }
-}
-
 // Calls draw(), which draws a record on the region, and counts the lane's pixels that it makes nearer.
 template <class Draw>
 __device__ __forceinline__ void count_passed(const Frame& f, const Region& region, const Draw& draw) {
@@ -58,7 +47,7 @@ __device__ __forceinline__ void draw_listed(const Frame& f, const Record* record
     if (seen) m.make_entry(records[its], entries + __popc(all & lanes_below()));
     count_work(f, Counter::edges_32, seen && !(m.info & Entry::kEntryFull) ? 3 * kRegion * kRegion : 0);
     __syncwarp();
-    for (int k = 0; kCounts && k < __popc(all); ++k) count_fragments(f, *region, entries[k]);
+    for (int k = 0; kCounts && k < __popc(all); ++k) count_fragments(f, *region, region->cut, entries[k]);
     for (int k = 0; k < __popc(all); ++k) {
       count_passed(f, *region, [&] { region->draw(entries[k], entries[k].info & Entry::kEntryFull, false, records); });
     }

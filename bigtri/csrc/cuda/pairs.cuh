@@ -67,7 +67,8 @@ __device__ __forceinline__ void queue_pairs(const Frame& f, const PairQueue& q, 
     if (kept && room) q.pairs[at] = {slot, (uint16_t)x, (uint16_t)y};
     for (unsigned todo = __ballot_sync(kAllLanes, kept && !room); todo; todo &= todo - 1) {
       const int lane = __ffs(todo) - 1;
-      warp_draw_bin(f.packed, f.view.width, r, __shfl_sync(kAllLanes, x, lane), __shfl_sync(kAllLanes, y, lane));
+      warp_draw_bin(frame_pixel(f, f.packed), f.view.width, r, __shfl_sync(kAllLanes, x, lane),
+                    __shfl_sync(kAllLanes, y, lane));
     }
   }
 }
@@ -89,7 +90,8 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const PairQueue& q, c
       if (lane_id() == 0) count_work(f, Counter::bytes, sizeof(Record));
       queue_pairs(f, q, records[i], slot);
     } else {
-      warp_draw(f.packed, f.view.width, records[i]);
+      if (lane_id() == 0) count_work(f, Counter::overflows, 1);
+      warp_draw(frame_pixel(f, f.packed), f.view.width, records[i]);
     }
   }
   __syncwarp();

@@ -129,8 +129,8 @@ enum class Output { kWrite, kMerge };  // alone on the frame, or beside others
 // Draws entries into a region: what misses it or lies behind it first falls out, an entry a lane. empty: the region
 // holds nothing yet.
 template <class Region>
-__device__ __forceinline__ void draw_all(Region& region, const PatchEntry* entries, const uint16_t* list, int count,
-                                         bool empty, const Record* records) {
+__device__ __forceinline__ void draw_all(const Frame& f, Region& region, const PatchEntry* entries,
+                                         const uint16_t* list, int count, bool empty, const Record* records) {
   const int x = region.x(), y = region.y();
   for (int base = 0; base < count; base += kWarp) {
     bool keep = base + lane_id() < count, full = keep;
@@ -152,6 +152,7 @@ __device__ __forceinline__ void draw_all(Region& region, const PatchEntry* entri
     const unsigned whole = __ballot_sync(kAllLanes, full);
     for (unsigned todo = __ballot_sync(kAllLanes, keep); todo; todo &= todo - 1) {
       const int i = __ffs(todo) - 1;
+      if constexpr (kCounts) count_fragments(f, region, region.cut, entries[list[base + i]]);
       region.draw(entries[list[base + i]], whole >> i & 1, empty, records);
       empty = false;
     }
@@ -217,7 +218,7 @@ __device__ __forceinline__ int find_box(const Candidates& candidates, int i, int
 // Makes entries of the candidates for the patches from `group` on, as many as there is room for. By all threads; ends
 // with a barrier.
 template <class P, class Candidates>
-__device__ __forceinline__ void gather(const Candidates& candidates, int group, int room) {
+__device__ __forceinline__ void gather(const Frame& f, const Candidates& candidates, int group, int room) {
   constexpr int kThreads = P::kThreads;
   constexpr bool kLists = Candidates::kLists;
   PatchShared<P>* const s = patch_shared<P>();
@@ -254,6 +255,7 @@ __device__ __forceinline__ void gather(const Candidates& candidates, int group, 
     if (m.nearest <= bits_float(patch.bound)) {
       const int place = atomicAdd(&s->entry_count, 1);
       pending = place >= room;
+      count_work(f, pending ? Counter::overflows : Counter::entries, 1);
       if (!pending) {
         m.make_entry(candidates.records[m.slot()], &s->entries[place]);
         s->list[local * each + atomicAdd(&patch.waiting, 1)] = (uint16_t)place;
@@ -308,17 +310,20 @@ __device__ __forceinline__ void find_touched(const Candidates& candidates) {
 template <Output kOutput, class Region>
 __device__ __forceinline__ void draw_region(const Frame& f, int view, Region& region, const PatchEntry* entries,
                                             const uint16_t* list, int count, bool empty, const Record* records) {
+  if constexpr (kCounts && kOutput == Output::kWrite)
+    region.each(f, [&](int, uint32_t) { count_work(f, Counter::written, 1); });
   if (kOutput == Output::kWrite && count == 0) {
     region.clear();
     region.store(f);
   } else if (kOutput == Output::kWrite && empty && count == 1 && entries[list[0]].alone() && region.whole(f)) {
+    if constexpr (kCounts) count_fragments(f, region, ~0u, entries[list[0]]);
     region.fill(entries[list[0]], records);
     region.store(f);
   } else {
     region.begin(f);
     region.clear();
     if (!empty) region.load(f);
-    draw_all(region, entries, list, count, empty, records);
+    draw_all(f, region, entries, list, count, empty, records);
     if (kOutput == Output::kWrite)
       region.store(f);
     else
@@ -349,7 +354,7 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
       if (kLists && reread(s->together_bits) == 0)  // then a group is one patch
         while (group < s->patches && !(s->touched >> group & 1)) ++group;
       if (group >= reread(s->patches)) break;
-      gather<P>(candidates, group, room);
+      gather<P>(f, candidates, group, room);
       const int together_bits = s->together_bits;
       const bool again = s->drawn | s->resumed;
 #pragma unroll 1

@@ -79,31 +79,35 @@ __device__ void wait_for_all(Counters* c, uint32_t* expected) {
 }
 
 // The record in a slot to the queue of bin i of its bins, unless an edge rejects that.
-__device__ __forceinline__ void put(const Job& j, const Record& r, const BinBox& bins, int i, uint32_t slot) {
+__device__ __forceinline__ void put(const Frame& f, const Job& j, const Record& r, const BinBox& bins, int i,
+                                    uint32_t slot) {
   const int bin_x = bins.x + i % bins.columns, bin_y = bins.y + i / bins.columns, bin = bin_y * j.bins_x + bin_x;
   NarrowEdge edge[3];
   if (!narrow_edges(r, bin_x, bin_y, edge)) return;
   const uint32_t at = atomicAdd(&j.bin_count[bin], 1u);
+  count_work(f, Counter::entries, 1);
+  count_work(f, Counter::atomics, 1);
+  count_work(f, Counter::overflows, at >= (uint32_t)j.room);
   if (at < (uint32_t)j.room) j.queues[(int64_t)bin * j.room + at] = slot;
 }
 
 // The lanes' records to the queues of their bins: a lane its own where it has few, all lanes together where one has
 // many.
-__device__ __forceinline__ void queue_records(const Job& j, bool have, uint32_t slot) {
+__device__ __forceinline__ void queue_records(const Frame& f, const Job& j, bool have, uint32_t slot) {
   constexpr int kFew = 4;
   BinBox bins = {0, 0, 0, 0};
   if (have) {
     const Record& r = j.records[slot];
     bins = bin_box(r);
     if (bins.count <= kFew)
-      for (int i = 0; i < bins.count; ++i) put(j, r, bins, i, slot);
+      for (int i = 0; i < bins.count; ++i) put(f, j, r, bins, i, slot);
   }
   __syncwarp();
   for (unsigned todo = __ballot_sync(kAllLanes, bins.count > kFew); todo; todo &= todo - 1) {
     const int lane = __ffs(todo) - 1;
     const uint32_t its = __shfl_sync(kAllLanes, slot, lane);
     const BinBox box = of_lane(bins, lane);
-    for (int i = lane_id(); i < box.count; i += kWarp) put(j, j.records[its], box, i, its);
+    for (int i = lane_id(); i < box.count; i += kWarp) put(f, j, j.records[its], box, i, its);
   }
 }
 
@@ -148,8 +152,9 @@ struct BinPixels<true> {
 
   __device__ __forceinline__ BinPixels(const Frame&, Memory* s, int, int) : first(s->pixels) {}
   __device__ __forceinline__ static int64_t look(const int64_t* pixel) { return reread(*pixel); }
-  __device__ __forceinline__ static void lower(int64_t* pixel, int64_t packed) {
-    atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed);
+  __device__ __forceinline__ static void lower(const Frame& f, int64_t* pixel, int64_t packed) {
+    const bool passed = atomicMin(reinterpret_cast<long long*>(pixel), (long long)packed) > packed;
+    count_work(f, Counter::passed, passed);
   }
 };
 template <>
@@ -162,7 +167,9 @@ struct BinPixels<false> {
       : first(f.packed + (int64_t)bin_y * kBin * f.view.width + bin_x * kBin), pitch(f.view.width) {}
   // Atomic operations pass the L1 cache by.
   __device__ __forceinline__ static int64_t look(const int64_t* pixel) { return __ldcg(pixel); }
-  __device__ __forceinline__ static void lower(int64_t* pixel, int64_t packed) { keep_nearest(pixel, packed, false); }
+  __device__ __forceinline__ static void lower(const Frame& f, int64_t* pixel, int64_t packed) {
+    keep_nearest_counted(f, pixel, packed);
+  }
 };
 
 // Calls use(place in the bin, pixel of the image) for the bin's pixels. By all threads of a block.
@@ -191,12 +198,14 @@ __device__ __forceinline__ uint32_t claim_all(uint32_t* count, uint32_t room, ui
 }
 
 // The lanes' primitives to records from place `first` on, which go to the queues. By all lanes.
-__device__ __forceinline__ void put_and_queue(const Job& j, bool have, const Primitive& p, int64_t triangle,
-                                              uint32_t first) {
+__device__ __forceinline__ void put_and_queue(const Frame& f, const Job& j, bool have, const Primitive& p,
+                                              int64_t triangle, uint32_t first) {
   const uint32_t slot = first + (uint32_t)__popc(__ballot_sync(kAllLanes, have) & lanes_below());
   if (have) fill_record(p, triangle, &j.records[slot]);
   __syncwarp();
-  queue_records(j, have, slot);
+  count_work(f, Counter::records, have);
+  count_work(f, Counter::by_tiles, have);
+  queue_records(f, j, have, slot);
 }
 
 // The share of a warp, its triangles [first, end).
@@ -211,7 +220,7 @@ __device__ __forceinline__ void set_up_share(const Frame& f, const Job& j, int32
     if (whole) {
       uint32_t at = 0;
       if (lane_id() == 0) at = atomicAdd(&j.counters->whole, (uint32_t)__popc(whole));
-      put_and_queue(j, fate == Fate::kWhole, p, f.first_triangle + t, __shfl_sync(kAllLanes, at, 0));
+      put_and_queue(f, j, fate == Fate::kWhole, p, f.first_triangle + t, __shfl_sync(kAllLanes, at, 0));
     }
     for (unsigned todo = __ballot_sync(kAllLanes, fate == Fate::kClip); todo; todo &= todo - 1) {
       const int32_t triangle = __shfl_sync(kAllLanes, t, __ffs(todo) - 1);
@@ -219,7 +228,7 @@ __device__ __forceinline__ void set_up_share(const Frame& f, const Job& j, int32
       const uint32_t parts = (uint32_t)__popc(__ballot_sync(kAllLanes, have)),
                      place = claim_all(&j.counters->parts, (uint32_t)j.parts, parts);
       if (place != kNoRoom)
-        put_and_queue(j, have, p, f.first_triangle + triangle, (uint32_t)j.pass + place);
+        put_and_queue(f, j, have, p, f.first_triangle + triangle, (uint32_t)j.pass + place);
       else if (lane_id() == 0)
         j.deferred[atomicAdd(&j.counters->deferred, 1u)] = triangle;
     }
@@ -267,6 +276,8 @@ __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records
       for (int k = 0; k < 3; ++k) outside |= e.edge[k].f + i * e.edge[k].sx + y * e.edge[k].sy;
       inside[half] = (full >> tile & 1 || outside >= 0) & (px >= f.view.x0) & (px < f.view.x1) & (py >= f.view.y0) &
                      (py < f.view.y1);
+      if constexpr (kCounts)
+        if (inside[half]) count_fragment(f, px, py);
       const float z = finish_depth(plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, y) + column, e.zmin, e.zmax);
       packed[half] = pack_fragment(z, e.triangle);
     }
@@ -278,8 +289,8 @@ __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records
           packed[half] = pack_fragment(
               thin_depth(records + e.slot(), px, bin_y * kBin + row * kTile + (lane_id() >> 3) + 4 * half), e.triangle);
     const bool nearer[2] = {inside[0] && packed[0] < pixels.look(pixel), inside[1] && packed[1] < pixels.look(below)};
-    if (nearer[0]) pixels.lower(pixel, packed[0]);
-    if (nearer[1]) pixels.lower(below, packed[1]);
+    if (nearer[0]) pixels.lower(f, pixel, packed[0]);
+    if (nearer[1]) pixels.lower(f, below, packed[1]);
   }
 }
 
@@ -328,7 +339,11 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int whole, int p
     }
   }
   __syncthreads();
-  if (kPatch) each_pixel(f, bin_x, bin_y, [&](int i, int64_t* pixel) { *pixel = pixels.first[i]; });
+  if (kPatch)
+    each_pixel(f, bin_x, bin_y, [&](int i, int64_t* pixel) {
+      *pixel = pixels.first[i];
+      count_work(f, Counter::written, 1);
+    });
   if (threadIdx.x == 0) j.bin_count[bin] = 0;  // for the next pass
 }
 
@@ -341,7 +356,10 @@ __device__ void draw_deferred(const Frame& f, const Job& j, int count, Shared* s
     __syncwarp();
     if (have) fill_record(part, f.first_triangle + j.deferred[i], &s->warp[warp].record[lane_id()]);
     __syncwarp();
-    draw_now(f.packed, f.view.width, s->warp[warp].record, __ballot_sync(kAllLanes, have));
+    count_work(f, Counter::records, have);
+    count_work(f, Counter::by_tiles, have);
+    count_work(f, Counter::overflows, have);
+    draw_now(frame_pixel(f, f.packed), f.view.width, s->warp[warp].record, __ballot_sync(kAllLanes, have));
     __syncwarp();
   }
 }

@@ -213,7 +213,7 @@ struct RegionOf {
   // Where others draw at the same time, in one of several views. The lanes exchange pixels first: then each atomic
   // minimum of the warp is of eight neighbours in each of four rows, which is half as many sectors.
   __device__ __forceinline__ void merge(const Frame& f, int view) const {
-    int64_t* const to = pixels_of(f, view);
+    const FramePixel to = first_pixel(f, view);
     const int place = computed_here(lane_id() & 7), py = computed_here(lane_top());
 #pragma unroll
     for (int row = 0; row < kLaneRows; ++row)
@@ -228,6 +228,18 @@ struct RegionOf {
   }
 };
 using Region = RegionOf<kRegion / 4>;  // 16x16 px
+
+// Counts those of the lane's pixels in `cut` that an entry covers.
+template <class AnyRegion, class E>
+__device__ __forceinline__ void count_fragments(const Frame& f, const AnyRegion& region, uint32_t cut, const E& e) {
+  for (int n = 0; n < AnyRegion::kPixels; ++n) {
+    const int px = region.lane_left() + n % 2, py = region.lane_top() + n / 2 * 4;
+    int32_t outside = 0;
+    for (int k = 0; k < 3; ++k)
+      outside |= e.edge[k].f + (px & (kBin - 1)) * e.edge[k].sx + (py & (kBin - 1)) * e.edge[k].sy;
+    if ((cut & AnyRegion::bit_of(n)) && outside >= 0) count_fragment(f, px, py);
+  }
+}
 
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE

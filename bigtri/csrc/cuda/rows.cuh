@@ -202,9 +202,10 @@ __device__ __forceinline__ float depth_in_row(const PairRow& row, int i, bool us
 
 // `count` pixels of a row of a thin triangle, by its lane alone: there are few. first: in the frame; right, below: of
 // it, as above.
-__device__ __noinline__ void draw_thin_row(int64_t* first, int count, const RowTriangle* r, int right, int below) {
+__device__ __noinline__ void draw_thin_row(FramePixel first, int count, const RowTriangle* r, int right, int below) {
 #pragma unroll 1
   for (int i = 0; i < count; ++i) {
+    if constexpr (kCounts) count_fragment(first + i);
     const float z = finish_depth(depth_beside(*r, right + i, below), r->zmin, r->zmax);
     keep_nearest(first + i, pack_fragment(z, r->triangle), false);
   }
@@ -240,7 +241,7 @@ __device__ __forceinline__ void cut_row(int32_t f, int32_t step, RowSpan* span) 
 // Draws pixels first, first + 1, ... of the `count` pixels of the rows in s->row, of which each lane in `have` has one,
 // beginning at pixel `begin`: kGroups for each lane, so that one does not wait for the other. By all lanes.
 template <int kGroups>
-__device__ __forceinline__ void draw_pixels(int64_t* pixels, int width, const RowTriangle* triangles, int first,
+__device__ __forceinline__ void draw_pixels(FramePixel pixels, int width, const RowTriangle* triangles, int first,
                                             int count, int begin, bool have, int lane, unsigned lanes_to_here,
                                             const RowShared* s) {
   int owner[kGroups];
@@ -258,6 +259,8 @@ __device__ __forceinline__ void draw_pixels(int64_t* pixels, int width, const Ro
     seen[g] = n < count && depth <= 1.0f;
     packed[g] = pack_depth(depth, row.triangle);
     at[g] = row.at + (uint32_t)i;
+    if constexpr (kCounts)
+      if (n < count) count_fragment(pixels + at[g]);
   }
 #pragma unroll
   for (int g = 0; g < kGroups; ++g)
@@ -276,8 +279,8 @@ __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
 // the first triangles, whose bboxes have no more than `most` pixels together; returns the first row that is left, or -1
 // if there is none. By all lanes.
 template <bool kLeaves>
-__device__ __forceinline__ int draw_rows(int64_t* pixels, int width, const RowTriangle* triangles, int count, int first,
-                                         int step, int most, RowShared* s) {
+__device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const RowTriangle* triangles, int count,
+                                         int first, int step, int most, RowShared* s) {
   const int lane = computed_here(lane_id());
   const unsigned lanes_to_here = (unsigned)computed_here((int)(2u << lane) - 1);
   const bool have = lane < count;

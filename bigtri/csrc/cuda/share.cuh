@@ -109,10 +109,12 @@ struct Filed {
 
 // Puts the lanes' primitives in their places in shared memory; have: whether this lane has one. By all lanes; ends with
 // a barrier of the warp.
-__device__ __forceinline__ Filed file(const Primitive& p, int64_t triangle, int32_t view, bool have, int widest,
-                                      WarpShared* s) {
+__device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_t triangle, int32_t view, bool have,
+                                      int widest, WarpShared* s) {
   const bool by_rows = have && fits_rows(p, widest);
   const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, have && !by_rows);
+  count_work(f, Counter::records, by_rows);
+  count_work(f, Counter::by_rows, by_rows);
   if (by_rows) make_row_triangle(p, (uint32_t)triangle, &s->triangle[__popc(rows & lanes_below())]);
   if (have && !by_rows) {
     Record* const r = s->records_end() - 1 - __popc(rest & lanes_below());
@@ -131,7 +133,7 @@ __device__ __noinline__ Filed file_left(const Frame& f, int32_t view, int count,
   const Primitive p = left.primitive();
   const int32_t t = left.t;
   __syncwarp();
-  return file(p, f.first_triangle + t, view, have, widest, s);
+  return file(f, p, f.first_triangle + t, view, have, widest, s);
 }
 
 // Clips triangle t of a view and files the parts. By all lanes. Rarely called, so that its registers cost the others
@@ -141,7 +143,7 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
   Primitive part;
   const bool have = clip_part(f, view, t, &s->clip, &part);
   __syncwarp();
-  return file(part, f.first_triangle + t, view, have, widest, s);
+  return file(f, part, f.first_triangle + t, view, have, widest, s);
 }
 
 // Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
@@ -157,7 +159,7 @@ __device__ __forceinline__ unsigned clips_of(unsigned all, int warp) {
 // Draws the rows that the block's warps have left, 32 at a time by each warp in turn. By all threads. Rarely called, so
 // that its registers cost the others nothing.
 template <Way kWay>
-__device__ __noinline__ void draw_left(int64_t* pixels, int width, int warp, ShareShared<kWay>* shared) {
+__device__ __noinline__ void draw_left(FramePixel pixels, int width, int warp, ShareShared<kWay>* shared) {
   constexpr int kWarps = block_warps(kWay);
 #pragma unroll 1
   for (int owner = 0; owner < kWarps; ++owner) {
@@ -183,7 +185,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   if ((!kTogether && projected) || share.count <= 0) wait_for_previous();
   if (share.count <= 0) return;
   const int64_t first_vertex = share.view * (f.view_stride / 4);
-  int64_t* const pixels = pixels_of(f, share.view);
+  const FramePixel pixels = first_pixel(f, share.view);
   const Vertex* const own_projected = projected ? projected + first_vertex : nullptr;  // of the view
   // This warp's triangles, [begin, end), where they are a part of the list.
   const int32_t before = kWay == Way::kTested ? min_of(warp * share.step, share.count) : 0;
@@ -236,10 +238,12 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       if (!kTogether && __popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
         const unsigned left = __ballot_sync(kAllLanes, have && !small);
         if (have && !small) s->left[__popc(left & lanes_below())].put(p, t);
+        count_work(f, Counter::records, small);
+        count_work(f, Counter::by_rows, small);
         draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
         if (left) filed = file_left(f, share.view, __popc(left), widest, s);
       } else if (__any_sync(kAllLanes, have)) {
-        filed = file(p, f.first_triangle + t, share.view, have, widest, s);
+        filed = file(f, p, f.first_triangle + t, share.view, have, widest, s);
       }
     }
     if (kTogether) {

@@ -212,7 +212,7 @@ struct SliverLines {
   __device__ __forceinline__ uint32_t draw_by_pairs(const Frame& f, const Shared* shared) const {
     const bool exact = !is_thin(r) && crossing[0].exact && crossing[1].exact && crossing[2].exact;
     const PairLines& common = shared->common;
-    int64_t* const packed = pixels_of(f, r.view);
+    const FramePixel packed = first_pixel(f, r.view);
     uint32_t odd = 0;
 #pragma unroll 1
     for (int base = 0, turn = 0; base < lines; base += blockDim.x, ++turn) {
@@ -232,6 +232,7 @@ struct SliverLines {
 #pragma unroll 1
       for (int m = from; m <= last; ++m) {
         const int px = kColumns ? line : m, py = kColumns ? m : line;
+        if constexpr (kCounts) count_fragment(packed + (uint32_t)(py * f.view.width + px));
         float z;
         if (!pair_depth(start, common.step, exact_float(m - from), error, &z)) z = undecided_depth_of(&r, px, py);
         keep_nearest(packed + (uint32_t)(py * f.view.width + px),
@@ -250,7 +251,7 @@ struct SliverLines {
     const DepthNumber dzdx = r.dzdx, dzdy = r.dzdy;
     const float zmin = r.zmin, zmax = r.zmax;
     const uint32_t triangle = r.triangle;
-    int64_t* const packed = pixels_of(f, r.view);
+    const FramePixel packed = first_pixel(f, r.view);
     const int width = f.view.width;
     uint32_t odd = 0;
 #pragma unroll 1
@@ -274,6 +275,7 @@ struct SliverLines {
         const DepthNumber z = plane_row<DepthNumber>(zcell[m >> kBinBits], dzdy, kColumns ? along : across) +
                               plane_column<DepthNumber>(dzdx, kColumns ? across : along);
         const int at = kColumns ? m * width + line : line * width + m;
+        if constexpr (kCounts) count_fragment(packed + (uint32_t)at);
         keep_nearest(packed + (uint32_t)at, pack_fragment(finish_depth(z, zmin, zmax), triangle), false);
       }
       __syncwarp();  // lanes that have fewer pixels must not go ahead and draw on their own
@@ -288,7 +290,7 @@ struct SliverLines {
       int from, last;
       span(n, &from, &last);
       const int line = begin + n, first = low + from, px = kColumns ? line : first, py = kColumns ? first : line;
-      draw_tested(pixels_of(f, r.view) + (uint32_t)(py * f.view.width + px), kColumns ? f.view.width : 1, r, px, py,
+      draw_tested(first_pixel(f, r.view) + (uint32_t)(py * f.view.width + px), kColumns ? f.view.width : 1, r, px, py,
                   !kColumns, last - from + 1);
     }
   }

@@ -22,7 +22,7 @@ struct alignas(16) CellBox {
   float zmin, zmax;
   uint32_t triangle;
   uint32_t in_cell;  // the corner's x and y << 16 in its cell, px
-  int64_t* corner;  // pixel of the frame
+  FramePixel corner;
 };
 // The same where float64 is slow: the plane from the box's corner, and the triangle for depth that it does not decide.
 struct PairBox {
@@ -30,7 +30,7 @@ struct PairBox {
   float zmin, zmax;
   uint32_t triangle;
   uint32_t in_cell;
-  int64_t* corner;
+  FramePixel corner;
   int16_t x[3], y[3];  // from the corner pixel's corner, subpx
   float z[3];
 };
@@ -116,7 +116,7 @@ __device__ __forceinline__ void set_anchors(const Primitive&, NoAnchors, int, in
 
 // Notes what a lane's triangle is, and finds which pixels of its box it covers; upper, lower: four rows each, a byte a
 // row.
-__device__ __forceinline__ void find_pixels(int64_t* pixels, int width, const Primitive& p, uint32_t triangle,
+__device__ __forceinline__ void find_pixels(FramePixel pixels, int width, const Primitive& p, uint32_t triangle,
                                             SmallShared::Box* mine, uint32_t* upper, uint32_t* lower) {
   const auto area = set_plane(p, mine);
   mine->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
@@ -186,14 +186,15 @@ __device__ __forceinline__ void draw_listed(int width, int count, int lane, cons
     const SmallShared::Box& box = s->box[pixel >> 6];
     const uint32_t x = pixel & 7, y = pixel >> 3 & 7;
     const int64_t packed = pack_depth(depth_in_box(box, x, y), box.triangle);
+    if constexpr (kCounts) count_fragment(box.corner + (y * (uint32_t)width + x));
     keep_nearest(box.corner + (y * (uint32_t)width + x), packed, false);
   }
 }
 
 // Draws the lanes' small primitives onto a view of this width that the kernels in front have cleared; have: whether
 // this lane has one. By all lanes.
-__device__ __forceinline__ void draw_small(int64_t* pixels, int width, const Primitive& p, uint32_t triangle, bool have,
-                                           SmallShared* s) {
+__device__ __forceinline__ void draw_small(FramePixel pixels, int width, const Primitive& p, uint32_t triangle,
+                                           bool have, SmallShared* s) {
   const int lane = computed_here(lane_id());
   uint32_t upper = 0, lower = 0;
   if (have) find_pixels(pixels, width, p, triangle, &s->box[lane], &upper, &lower);

@@ -80,7 +80,8 @@ __device__ __noinline__ void queue_or_draw(const Frame& f, const Tiles& t, const
         count_work(f, Counter::atomics, 1);
       });
     } else {
-      warp_draw(f.packed, f.view.width, records[i]);
+      if (lane_id() == 0) count_work(f, Counter::overflows, 1);
+      warp_draw(frame_pixel(f, f.packed), f.view.width, records[i]);
     }
   }
   __syncwarp();
@@ -118,7 +119,7 @@ __global__ void __launch_bounds__(kThreads)
       count_work(f, Counter::atomics, t.first[tile] != Tiles::kNowhere);
       count_work(f, Counter::bytes, t.first[tile] != Tiles::kNowhere ? sizeof(*t.entries) : 0);
     });
-    if (__any_sync(kAllLanes, nowhere)) warp_draw(f.packed, f.view.width, t.records[slot]);
+    if (__any_sync(kAllLanes, nowhere)) warp_draw(frame_pixel(f, f.packed), f.view.width, t.records[slot]);
   }
 }
 

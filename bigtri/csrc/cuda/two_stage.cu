@@ -50,7 +50,9 @@ __global__ void __launch_bounds__(kThreads)
     draw_pairs(const __grid_constant__ Frame f, const __grid_constant__ PairQueue q) {
   let_next_begin();
   wait_for_previous();
-  each_pair(q, [&](const Record& r, int bin_x, int bin_y) { warp_draw_bin(f.packed, f.view.width, r, bin_x, bin_y); });
+  each_pair(q, [&](const Record& r, int bin_x, int bin_y) {
+    warp_draw_bin(frame_pixel(f, f.packed), f.view.width, r, bin_x, bin_y);
+  });
 }
 
 // The clear, and the kernel that draws what fits by rows.

@@ -1,13 +1,11 @@
 // The registry of variants on the GPU: which are compiled for which rung, the one that "auto" means first. setup.py
-// compiles what is listed here. A list stands on one line: setup.py, .ci/run and tests/cuda/cuda_on_cpu.py read it.
+// compiles what is listed here, and that of `exact` a second time with counters (core/counters.h) where BIGTRI_CUDA_COUNTING
+// asks for it. A list stands on one line: setup.py, .ci/run and tests/cuda/cuda_on_cpu.py read it.
 #pragma once
 
 // clang-format off: as long as it is
 #define BIGTRI_CUDA_VARIANTS_exact(X) X(bin_owned) X(two_stage) X(persistent) X(scanline) X(batched) X(recursive_descent) X(hierarchical_tiles) X(tile_queues) X(coverage_masks) X(tile_owned)
 // clang-format on
-// Those of them that are compiled a second time with counters (core/counters.h), where BIGTRI_CUDA_COUNTING asks for it.
-#define BIGTRI_CUDA_COUNTED(X) \
-  X(scanline) X(batched) X(recursive_descent) X(hierarchical_tiles) X(tile_queues) X(coverage_masks) X(tile_owned)
 #define BIGTRI_CUDA_VARIANTS_balanced(X) X(bin_owned) X(two_stage) X(persistent)
 #define BIGTRI_CUDA_VARIANTS_fast(X) X(bin_owned) X(two_stage) X(persistent)
 #define BIGTRI_CUDA_VARIANTS_subpixel4(X) X(two_stage)
