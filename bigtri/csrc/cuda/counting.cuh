@@ -41,6 +41,8 @@ struct FramePixel {
   __device__ __forceinline__ FramePixel operator+(int64_t n) const { return {at + n, frame}; }
 };
 __device__ __forceinline__ FramePixel frame_pixel(const Frame& f, int64_t* at) { return {at, &f}; }
+__device__ __forceinline__ FramePixel frame_pixel(const FramePixel& other, int64_t* at) { return {at, other.frame}; }
+__device__ __forceinline__ int64_t* place_of(const FramePixel& p) { return p.at; }
 __device__ __forceinline__ FramePixel kept(const FramePixel& p) { return p; }
 __device__ __forceinline__ void count_fragment(const FramePixel& p) {
   const int64_t n = p.at - p.frame->packed;
@@ -60,6 +62,8 @@ __device__ __forceinline__ void count_work(const Frame&, Counter, int64_t) {}
 __device__ __forceinline__ void count_fragment(const Frame&, int, int) {}
 using FramePixel = int64_t*;
 __device__ __forceinline__ FramePixel frame_pixel(const Frame&, int64_t* at) { return at; }
+__device__ __forceinline__ FramePixel frame_pixel(const int64_t*, int64_t* at) { return at; }
+__device__ __forceinline__ int64_t* place_of(int64_t* p) { return p; }
 __device__ __forceinline__ void count_fragment(const int64_t*) {}
 #endif
 

@@ -22,7 +22,7 @@ struct alignas(16) CellBox {
   float zmin, zmax;
   uint32_t triangle;
   uint32_t in_cell;  // the corner's x and y << 16 in its cell, px
-  FramePixel corner;
+  int64_t* corner;  // pixel of the frame
 };
 // The same where float64 is slow: the plane from the box's corner, and the triangle for depth that it does not decide.
 struct PairBox {
@@ -30,7 +30,7 @@ struct PairBox {
   float zmin, zmax;
   uint32_t triangle;
   uint32_t in_cell;
-  FramePixel corner;
+  int64_t* corner;
   int16_t x[3], y[3];  // from the corner pixel's corner, subpx
   float z[3];
 };
@@ -122,7 +122,7 @@ __device__ __forceinline__ void find_pixels(FramePixel pixels, int width, const 
   mine->zmin = min_of(min_of(p.z[0], p.z[1]), p.z[2]);
   mine->zmax = max_of(max_of(p.z[0], p.z[1]), p.z[2]);
   mine->triangle = triangle;
-  mine->corner = pixels + (uint32_t)(p.y0 * width + p.x0);  // an image has at most 2^28 pixels
+  mine->corner = place_of(pixels) + (uint32_t)(p.y0 * width + p.x0);  // an image has at most 2^28 pixels
   const int i = p.x0 & (kBin - 1), j = p.y0 & (kBin - 1);
   mine->in_cell = (uint32_t)i | (uint32_t)j << 16;
   set_anchors(p, area, i, j, mine);
@@ -180,14 +180,14 @@ __device__ __forceinline__ float depth_in_box(const PairBox& box, uint32_t x, ui
 }
 
 // Draws the pixels listed, a lane one at a time.
-__device__ __forceinline__ void draw_listed(int width, int count, int lane, const SmallShared* s) {
+__device__ __forceinline__ void draw_listed(FramePixel pixels, int width, int count, int lane, const SmallShared* s) {
   for (int i = lane; i < count; i += kWarp) {
     const int pixel = s->pixels[i];
     const SmallShared::Box& box = s->box[pixel >> 6];
     const uint32_t x = pixel & 7, y = pixel >> 3 & 7;
     const int64_t packed = pack_depth(depth_in_box(box, x, y), box.triangle);
-    if constexpr (kCounts) count_fragment(box.corner + (y * (uint32_t)width + x));
-    keep_nearest(box.corner + (y * (uint32_t)width + x), packed, false);
+    if constexpr (kCounts) count_fragment(frame_pixel(pixels, box.corner + (y * (uint32_t)width + x)));
+    keep_nearest(frame_pixel(pixels, box.corner + (y * (uint32_t)width + x)), packed, false);
   }
 }
 
@@ -208,7 +208,7 @@ __device__ __forceinline__ void draw_small(FramePixel pixels, int width, const P
     const int part_end = __shfl_sync(kAllLanes, end, first + lanes - 1);
     if (lane >= first && lane < first + lanes) list_pixels(upper, lower, lane, s->pixels + end - count - listed);
     __syncwarp();
-    draw_listed(width, part_end - listed, lane, s);
+    draw_listed(pixels, width, part_end - listed, lane, s);
     listed = part_end;
     __syncwarp();
   }
