@@ -421,6 +421,32 @@ def test_counters_of_other_ways() -> None:
 
 
 @exhaustive
+def test_counters_of_what_depth_spares() -> None:
+    """Tests of squares are the same with ``early_z``; a tile that is hidden spares its pixels' edge values and fragments, and no
+    more than these."""
+    hidden = {"recursive_descent": 0, "hierarchical_tiles": 0, "tile_owned": 0}
+    spared = ("edges_32", "fragments", "passed", "written", "atomics", "tiles_hidden")
+    for variant, name in itertools.product(hidden, ("hundreds_in_a_bin", "crowded", "mixed")):
+        all_of, found = (counted(name, variant, {"early_z": early_z}) for early_z in (0, 1))
+        found.assert_bounds()
+        assert (found.fragments <= all_of.fragments).all(), (variant, name)
+        assert {**found.of, **{key: all_of.of[key] for key in spared}} == all_of.of, (variant, name)
+        tiles = found.of["tiles_hidden"]
+        hidden[variant] += tiles
+        assert all_of.of["tiles_hidden"] == 0
+        if variant == "recursive_descent":
+            assert found.of["passed"] == found.of["written"] <= found.of["atomics"] <= found.of["fragments"]
+            assert (found.of["edges_32"], tiles) == (all_of.of["edges_32"], 0)
+            continue
+        assert (found.of["written"], found.of["atomics"]) == (all_of.of["written"], all_of.of["atomics"])
+        edges, fragments = (all_of.of[key] - found.of[key] for key in ("edges_32", "fragments"))
+        # 16x16 px: of those that are full no edge value is asked, and all pixels in the image are covered.
+        assert 0 <= edges <= 3 * 256 * tiles and edges % (3 * 256) == 0, (variant, name)
+        assert 0 <= fragments <= 256 * tiles, (variant, name)
+    assert hidden["recursive_descent"] == 0 < min(hidden["hierarchical_tiles"], hidden["tile_owned"])
+
+
+@exhaustive
 def test_counters_of_bin_owned() -> None:
     """Where triangles are few, patches take all; else rows do, and patches and slivers what is too wide for them."""
     for name, (few, queue) in itertools.product((*ODD, "many_small"), ((65536, 65536), (0, 65536), (0, 1))):

@@ -42,6 +42,7 @@ __device__ __forceinline__ void draw_listed(const Frame& f, const Record* record
     }
     if (early_z) region->bound = min_of(region->bound, bits_float(warp_min(float_bits(m.farthest))));
     const bool seen = m.meets() && m.nearest <= region->bound;
+    count_work(f, Counter::tiles_hidden, m.meets() && !seen);
     const unsigned all = __ballot_sync(kAllLanes, seen);
     __syncwarp();  // all have drawn the entries before these
     if (seen) m.make_entry(records[its], entries + __popc(all & lanes_below()));
