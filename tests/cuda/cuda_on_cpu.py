@@ -21,7 +21,7 @@ import tempfile
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from cases import Case
@@ -237,10 +237,24 @@ def counted_work(counters: NDArray[np.int64], fragments: NDArray[np.int64], bloc
     return np.array([counters.ctypes.data, fragments.ctypes.data, blocks.ctypes.data, len(blocks)], np.int64)
 
 
-def draw(
-    library: ctypes.CDLL, job: Job, counted: NDArray[np.int64] | None = None
-) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
-    """packed, depth and dropped [B] of a job, by its kernels; a build that counts adds to what ``counted`` points to."""
+Outputs: TypeAlias = tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]  # packed, depth and dropped [B]
+
+
+def views_of(job: Job) -> int:
+    """How many views a job has."""
+    if job.ranges is not None:
+        return len(job.ranges)
+    return len(job.case.positions) if job.case.positions.ndim == 3 else 1
+
+
+def outputs_of(job: Job) -> Outputs:
+    """Memory for what a job draws."""
+    shape = job.packed.shape
+    return np.empty(shape, np.int64), np.empty(shape, np.float32), np.empty(views_of(job), np.int64)
+
+
+def draw(library: ctypes.CDLL, job: Job, counted: NDArray[np.int64] | None = None, outputs: Outputs | None = None) -> Outputs:
+    """What the kernels of a job draw, to new memory or ``outputs``; a build that counts adds to what ``counted`` points to."""
 
     def pointer(array: NDArray) -> ctypes.c_void_p:
         return array.ctypes.data_as(ctypes.c_void_p)
@@ -256,12 +270,10 @@ def draw(
     values = np.array([*settings.values()], np.int64)
     positions = np.ascontiguousarray(job.case.positions, np.float32)
     triangles = np.ascontiguousarray(job.case.triangles, np.int32)
-    views = len(job.ranges) if job.ranges is not None else len(positions) if positions.ndim == 3 else 1
-    packed, depth = np.empty(job.packed.shape, np.int64), np.empty(job.packed.shape, np.float32)
-    dropped = np.empty(views, np.int64)
+    packed, depth, dropped = outputs_of(job) if outputs is None else outputs
     refused = library.draw_on_cpu(
         job.variant.encode(),
-        views,
+        len(dropped),
         pointer(positions),
         ctypes.c_int64(positions.shape[-2]),
         pointer(triangles),
