@@ -485,6 +485,16 @@ def test_counters_of_full_queues() -> None:
             if variant in ("two_stage", "recursive_descent"):
                 assert found.of["overflows"] >= records - 1, (variant, name)
                 assert np.array_equal(found.fragments, found.model.fragments), (variant, name)
+        found = counted(name, "persistent", {"patch": 0})  # its pixels lie in the image
+        found.assert_bounds()
+        of = found.of
+        assert (
+            int((found.job.packed != np.iinfo(np.int64).max).sum())
+            <= of["passed"]
+            == of["written"]
+            <= of["atomics"] - of["entries"]
+            <= of["fragments"]
+        ), name
         found = counted(name, "two_stage", {"rows": 1})
         found.assert_bounds()
         assert records <= found.of["records"]
