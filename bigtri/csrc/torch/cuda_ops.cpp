@@ -50,9 +50,18 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   enqueue(op, chosen, frame, values, device);
 }
 
-NewResults rasterize_new_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
-                                 const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
-                                 const std::string& precision, bool depth) {
+// What is drawn by the standard variant, where a call has no more than the usual arguments.
+struct StandardFrame {
+  const CudaVariant& variant;
+  int device;
+  int32_t views;
+  Frame frame;
+};
+
+// Checks the inputs; the frame has no tensors yet.
+StandardFrame standard_frame(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                             const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
+                             const std::string& precision) {
   const char* op = "rasterize";
   const CudaVariant& standard = *find_rung(op, kCudaRungs, precision).variants[0];
   Frame frame = {};
@@ -60,27 +69,32 @@ NewResults rasterize_new_cuda_op(const Tensor& positions, const Tensor& triangle
   const int device = device_of_positions(positions);
   const int32_t views = checked_views(device, positions, triangles, std::nullopt);
   check_count(op, "triangles", triangles.size(0));
-  NewResults made = new_results(device, positions, height, width, depth);
+  return {standard, device, views, frame};
+}
+
+void draw(StandardFrame* given, const Tensor& positions, const Tensor& triangles, const Tensor& packed,
+          const std::optional<Tensor>& depth, const Tensor& dropped) {
+  set_tensors(&given->frame, given->views, positions, triangles, std::nullopt, packed, depth, dropped);
+  enqueue("rasterize", given->variant, given->frame, standard_values(given->variant), given->device);
+}
+
+NewResults rasterize_new_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                                 const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
+                                 const std::string& precision, bool depth) {
+  StandardFrame given = standard_frame(positions, triangles, height, width, cull, scissor, precision);
+  NewResults made = new_results(given.device, positions, height, width, depth);
   const auto& [packed, image, dropped] = made;
-  set_tensors(&frame, views, positions, triangles, std::nullopt, packed, image, dropped);
-  enqueue(op, standard, frame, standard_values(standard), device);
+  draw(&given, positions, triangles, packed, image, dropped);
   return made;
 }
 
 Tensor rasterize_into_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
                               const Tensor& packed, const std::optional<Tensor>& depth, const std::string& cull,
                               const std::optional<std::vector<int64_t>>& scissor, const std::string& precision) {
-  const char* op = "rasterize";
-  const CudaVariant& standard = *find_rung(op, kCudaRungs, precision).variants[0];
-  Frame frame = {};
-  frame.view = scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
-  const int device = device_of_positions(positions);
-  const int32_t views = checked_views(device, positions, triangles, std::nullopt);
-  check_count(op, "triangles", triangles.size(0));
-  const Tensor dropped = new_dropped(device, positions);
-  check_results(device, views, positions, triangles, height, width, std::nullopt, packed, depth, dropped);
-  set_tensors(&frame, views, positions, triangles, std::nullopt, packed, depth, dropped);
-  enqueue(op, standard, frame, standard_values(standard), device);
+  StandardFrame given = standard_frame(positions, triangles, height, width, cull, scissor, precision);
+  const Tensor dropped = new_dropped(given.device, positions);
+  check_results(given.device, given.views, positions, triangles, height, width, std::nullopt, packed, depth, dropped);
+  draw(&given, positions, triangles, packed, depth, dropped);
   return dropped;
 }
 

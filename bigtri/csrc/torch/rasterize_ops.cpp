@@ -78,37 +78,51 @@ void map_work_op(const Tensor& positions, const Tensor& triangles, int64_t heigh
   chosen.draw(frame, parallel, values.data());
 }
 
-NewResults rasterize_new_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
-                            const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
-                            const std::string& precision, bool depth) {
+// What is drawn by the standard variant, where a call has no more than the usual arguments.
+struct StandardFrame {
+  const Variant& variant;
+  Parallel parallel;
+  int32_t views;
+  CheckedFrame frame;
+};
+
+// Checks the inputs; the frame has no tensors yet.
+StandardFrame standard_frame(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                             const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
+                             const std::string& precision) {
   const char* op = "rasterize";
   const Viewport view = scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
   const Variant& standard = *find_rung(op, kCpuRungs, precision).variants[0];
   const int32_t views = checked_views(kCpu, positions, triangles, std::nullopt);
   const Parallel parallel = torch_threads();
   CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(-2));
+  frame.view = view;
+  return {standard, parallel, views, frame};
+}
+
+void draw(StandardFrame* given, const Tensor& positions, const Tensor& triangles, const Tensor& packed,
+          const std::optional<Tensor>& depth, const Tensor& dropped) {
+  set_tensors(&given->frame, given->views, positions, triangles, std::nullopt, packed, depth, dropped);
+  given->variant.draw(given->frame, given->parallel, standard_values(given->variant).data());
+}
+
+NewResults rasterize_new_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
+                            const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
+                            const std::string& precision, bool depth) {
+  StandardFrame given = standard_frame(positions, triangles, height, width, cull, scissor, precision);
   NewResults made = new_results(kCpu, positions, height, width, depth);
   const auto& [packed, image, dropped] = made;
-  set_tensors(&frame, views, positions, triangles, std::nullopt, packed, image, dropped);
-  frame.view = view;
-  standard.draw(frame, parallel, standard_values(standard).data());
+  draw(&given, positions, triangles, packed, image, dropped);
   return made;
 }
 
 Tensor rasterize_into_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
                          const Tensor& packed, const std::optional<Tensor>& depth, const std::string& cull,
                          const std::optional<std::vector<int64_t>>& scissor, const std::string& precision) {
-  const char* op = "rasterize";
-  const Viewport view = scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
-  const Variant& standard = *find_rung(op, kCpuRungs, precision).variants[0];
-  const int32_t views = checked_views(kCpu, positions, triangles, std::nullopt);
+  StandardFrame given = standard_frame(positions, triangles, height, width, cull, scissor, precision);
   const Tensor dropped = new_dropped(kCpu, positions);
-  check_results(kCpu, views, positions, triangles, height, width, std::nullopt, packed, depth, dropped);
-  const Parallel parallel = torch_threads();
-  CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(-2));
-  set_tensors(&frame, views, positions, triangles, std::nullopt, packed, depth, dropped);
-  frame.view = view;
-  standard.draw(frame, parallel, standard_values(standard).data());
+  check_results(kCpu, given.views, positions, triangles, height, width, std::nullopt, packed, depth, dropped);
+  draw(&given, positions, triangles, packed, depth, dropped);
   return dropped;
 }
 
