@@ -65,7 +65,7 @@ def map_work(
         backend: "native" draws with the build that counts, "reference" works it out from the stages; "auto". With one thread
             both have the same.
         device: where the native backend draws: "cpu", or "cuda", if it was built with ``BIGTRI_CUDA_COUNTING=1``. There
-            fragments are counted, and edge values are not (docs/variants.md).
+            fragments have a place, and edge values are in ``counters`` alone (docs/variants.md).
         parameters: values of the variant's parameters by name, instead of the standard ones.
 
     Raises:

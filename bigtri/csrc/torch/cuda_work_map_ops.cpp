@@ -12,7 +12,7 @@ namespace {
 std::string cuda_counting_op() { return kCountingCudaVariants ? names_of(kCountingCudaVariants) : ""; }
 
 // One view. tasks: fragments of each block of the kernel that offers them; blocks beyond its room are left out. Edge values
-// are not counted.
+// are in `counters` alone, so `edges` is not written.
 void map_work_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
                       const std::string& cull, const std::vector<int64_t>& scissor, const std::string& variant,
                       const std::string& precision, const std::vector<int64_t>& parameters, const Tensor& packed,
