@@ -409,7 +409,7 @@ const int64_t* parameter_only(const char* variant, int i) { return find_variant(
 // which then share the positions, or null. 0, or what was refused.
 int draw_on_cpu(const char* variant, int32_t views, const float* positions, int64_t vertices, const int32_t* triangles,
                 int32_t count, const int32_t* ranges, const int32_t* view, const int64_t* values, int64_t* packed,
-                float* depth, int64_t* dropped, int64_t* counters) {
+                float* depth, int64_t* dropped, const bigtri::CountedWork* counted) {
   using namespace bigtri;
   handle_faults();
   const CudaVariant* chosen = find_variant(variant);
@@ -434,7 +434,7 @@ int draw_on_cpu(const char* variant, int32_t views, const float* positions, int6
   f.packed = image.of<int64_t>();
   f.depth = depth ? depths.of<float>() : nullptr;
   f.dropped = drops.of<int64_t>();
-  f.counters = counters;
+  f.counted = counted;
   kernel = 0;
   const Memory scratch(chosen->scratch_bytes(f, values), 0x7f);
   if (chosen->draw(f, values, scratch.of<char>(), nullptr) != cudaSuccess) return 3;

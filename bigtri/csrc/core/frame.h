@@ -12,6 +12,8 @@ constexpr int kBin = 1 << kBinBits;         // px; f fits int32 in a bin of 64 p
 constexpr int kTile = 8;                    // px
 constexpr int64_t kBackground = INT64_MAX;  // packed value of a pixel that no triangle covers
 
+struct CountedWork;  // of cuda/counted_work.h
+
 enum Cull : int { kCullNone = 0, kCullBack = 1, kCullFront = 2 };
 
 struct Viewport {
@@ -31,7 +33,8 @@ struct Frame {
   int64_t* packed;    // out: [views, height, width], the visibility buffer
   float* depth;       // out: [views, height, width], window depth; or null
   int64_t* dropped;   // out: [views], triangles dropped
-  int64_t* counters;  // out, added to: [kCounters], or on CUDA a CountedWork; null if nothing is counted (counters.h)
+  // What CUDA's kernels that count add to, in the device's memory; null elsewhere. The CPU's is CheckedFrame::counters.
+  const CountedWork* counted;
   int64_t view_stride;  // floats from one view's positions to the next's; 0 if all views share them
   int32_t first_triangle;  // the id of triangle 0; the others' follow
   // [views, 2], each view's first triangle and number of triangles; null: all in every view. In host memory always.

@@ -75,8 +75,10 @@ struct ShadeJob {
 // triangles lowest > highest.
 struct CheckedFrame : Frame {
   int64_t lowest, highest;
-  const ShadeJob* shade;  // the picture to be made by a variant that shades, or null; packed may then be null
-  WorkMap* map;  // out, added to by a variant that counts: where a single view's work is done; or null
+  const ShadeJob* shade = nullptr;  // the picture to be made by a variant that shades, or null; packed may then be null
+  // Out, added to by a variant that counts, or null.
+  int64_t* counters = nullptr;  // [kCounters] (core/counters.h)
+  WorkMap* map = nullptr;  // where a single view's work is done
 };
 
 // Smallest and largest of count indices; (INT32_MAX, INT32_MIN) if count is 0.

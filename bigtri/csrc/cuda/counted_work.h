@@ -1,5 +1,5 @@
 // What kernels that count add to (counting.cuh). torch/cuda_work_map_ops.cpp puts one into the device's memory, where
-// Frame::counters then points to; torch-free.
+// Frame::counted then points to; torch-free.
 #pragma once
 
 #include "../core/counters.h"

@@ -14,20 +14,16 @@ namespace {
 #if defined(BIGTRI_COUNTING)
 constexpr bool kCounts = true;
 
-// Null: nothing is counted.
-__device__ __forceinline__ const CountedWork* counted_work(const Frame& f) {
-  return reinterpret_cast<const CountedWork*>(f.counters);
-}
 __device__ __forceinline__ void add_work(int64_t* to, int64_t n) {
   atomicAdd(reinterpret_cast<unsigned long long*>(to), (unsigned long long)n);
 }
 __device__ __forceinline__ void count_work(const Frame& f, Counter counter, int64_t n) {
-  if (n && f.counters) add_work(counted_work(f)->counters + (int)counter, n);
+  if (n && f.counted) add_work(f.counted->counters + (int)counter, n);
 }
 // One that is offered to pixel (x, y) of the image, by this block.
 __device__ __forceinline__ void count_fragment(const Frame& f, int x, int y) {
-  if (!f.counters) return;
-  const CountedWork& work = *counted_work(f);
+  if (!f.counted) return;
+  const CountedWork& work = *f.counted;
   add_work(work.counters + (int)Counter::fragments, 1);
   add_work(work.fragments + y * CountedWork::columns(f.view.width) + x, 1);
   if (blockIdx.x < work.room) add_work(work.blocks + blockIdx.x, 1);

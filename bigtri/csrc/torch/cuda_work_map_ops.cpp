@@ -41,7 +41,7 @@ void map_work_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t 
   const WorkingMemory scratch(chosen.scratch_bytes(frame, values.data())), counted(sizeof(CountedWork));
   const CountedWork work = {data<int64_t>(counters), data<int64_t>(fragments), data<int64_t>(tasks), tasks.size(0)};
   check_launch(op, cudaMemcpyAsync(counted.data(), &work, sizeof(work), cudaMemcpyHostToDevice, stream));
-  frame.counters = static_cast<int64_t*>(counted.data());
+  frame.counted = static_cast<const CountedWork*>(counted.data());
   check_launch(op, chosen.draw(frame, values.data(), scratch.data(), stream));
 }
 
