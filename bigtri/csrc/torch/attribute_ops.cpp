@@ -12,7 +12,7 @@ void interpolate_pixels(const char* op, const std::string& precision, const Tens
   check_interpolation(op, kCpu, packed, positions, triangles, attributes, out);
   if (out.numel() == 0) return;
   const Parallel parallel = torch_threads();
-  checked_frame(op, parallel, triangles, positions.size(-2));
+  checked_indices(op, parallel, triangles, positions.size(-2));
   AttributeJob job = {};
   job.packed = const_data<int64_t>(packed);
   job.positions = const_data<float>(positions);

@@ -183,22 +183,21 @@ inline Viewport viewport(const char* op, int64_t height, int64_t width, const st
   return view;
 }
 
-// A frame with its triangles filled in. Throws if an index is out of range, before anything is drawn.
-inline CheckedFrame checked_frame(const char* op, const Parallel& parallel, const Tensor& triangles, int64_t vertices) {
-  check_count(op, "triangles", triangles.size(0));
-  CheckedFrame frame = {};
-  frame.triangles = const_data<int32_t>(triangles);
-  frame.count = (int32_t)triangles.size(0);
-  frame.vertices = vertices;
-  frame.lowest = INT32_MAX;
-  frame.highest = INT32_MIN;
-  if (frame.count == 0) return frame;
-  BIGTRI_CHECK(vertices > 0, "bigtri::", op, ": triangles must be empty where positions is, got ", frame.count,
-               " triangles");
-  index_range(parallel, frame.triangles, 3 * (int64_t)frame.count, &frame.lowest, &frame.highest);
-  BIGTRI_CHECK(frame.lowest >= 0 && frame.highest < vertices, "bigtri::", op, ": triangles must index positions, 0 to ",
-               vertices - 1, ", got indices from ", frame.lowest, " to ", frame.highest);
-  return frame;
+// The lowest and the highest vertex index.
+struct Indices {
+  int64_t lowest = INT32_MAX, highest = INT32_MIN;  // where there are no triangles
+};
+
+// Throws if an index names no vertex.
+inline Indices checked_indices(const char* op, const Parallel& parallel, const Tensor& triangles, int64_t vertices) {
+  Indices found;
+  const int64_t count = triangles.size(0);
+  if (count == 0) return found;
+  BIGTRI_CHECK(vertices > 0, "bigtri::", op, ": triangles must be empty where positions is, got ", count, " triangles");
+  index_range(parallel, const_data<int32_t>(triangles), 3 * count, &found.lowest, &found.highest);
+  BIGTRI_CHECK(found.lowest >= 0 && found.highest < vertices, "bigtri::", op, ": triangles must index positions, 0 to ",
+               vertices - 1, ", got indices from ", found.lowest, " to ", found.highest);
+  return found;
 }
 
 }  // namespace bigtri

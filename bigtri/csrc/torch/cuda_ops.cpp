@@ -1,6 +1,7 @@
 // torch.ops.bigtri.rasterize on CUDA, and the list of CUDA variants. Nothing here waits for the device.
 
 #include "cuda.h"
+#include "frames.h"
 #include "rasterize_checks.h"
 
 namespace bigtri {
@@ -41,12 +42,11 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
   check_unserved(samples, behind);
   const int device = device_of_positions(positions);
-  Frame frame = {};
-  frame.view = viewport(op, height, width, cull, scissor);
+  const Viewport view = viewport(op, height, width, cull, scissor);
   const int32_t views = checked_views(device, positions, triangles, ranges);
   check_results(device, views, positions, triangles, height, width, ranges, packed, depth, dropped);
-  check_count(op, "triangles", triangles.size(0));
-  set_tensors(&frame, views, positions, triangles, ranges, packed, depth, dropped);
+  Frame frame = frame_of(op, view, views, positions, triangles, ranges);
+  set_results(&frame, &packed, depth, dropped);
   enqueue(op, chosen, frame, values, device);
 }
 
@@ -54,27 +54,23 @@ void rasterize_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t
 struct StandardFrame {
   const CudaVariant& variant;
   int device;
-  int32_t views;
   Frame frame;
 };
 
-// Checks the inputs; the frame has no tensors yet.
+// Checks the inputs; the frame has no results yet.
 StandardFrame standard_frame(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
                              const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
                              const std::string& precision) {
   const char* op = "rasterize";
   const CudaVariant& standard = *find_rung(op, kCudaRungs, precision).variants[0];
-  Frame frame = {};
-  frame.view = scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
+  const Viewport view = scissor ? viewport(op, height, width, cull, *scissor) : viewport(op, height, width, cull);
   const int device = device_of_positions(positions);
   const int32_t views = checked_views(device, positions, triangles, std::nullopt);
-  check_count(op, "triangles", triangles.size(0));
-  return {standard, device, views, frame};
+  return {standard, device, frame_of(op, view, views, positions, triangles)};
 }
 
-void draw(StandardFrame* given, const Tensor& positions, const Tensor& triangles, const Tensor& packed,
-          const std::optional<Tensor>& depth, const Tensor& dropped) {
-  set_tensors(&given->frame, given->views, positions, triangles, std::nullopt, packed, depth, dropped);
+void draw(StandardFrame* given, const Tensor& packed, const std::optional<Tensor>& depth, const Tensor& dropped) {
+  set_results(&given->frame, &packed, depth, dropped);
   enqueue("rasterize", given->variant, given->frame, standard_values(given->variant), given->device);
 }
 
@@ -84,7 +80,7 @@ NewResults rasterize_new_cuda_op(const Tensor& positions, const Tensor& triangle
   StandardFrame given = standard_frame(positions, triangles, height, width, cull, scissor, precision);
   NewResults made = new_results(given.device, positions, height, width, depth);
   const auto& [packed, image, dropped] = made;
-  draw(&given, positions, triangles, packed, image, dropped);
+  draw(&given, packed, image, dropped);
   return made;
 }
 
@@ -93,8 +89,9 @@ Tensor rasterize_into_cuda_op(const Tensor& positions, const Tensor& triangles, 
                               const std::optional<std::vector<int64_t>>& scissor, const std::string& precision) {
   StandardFrame given = standard_frame(positions, triangles, height, width, cull, scissor, precision);
   const Tensor dropped = new_dropped(given.device, positions);
-  check_results(given.device, given.views, positions, triangles, height, width, std::nullopt, packed, depth, dropped);
-  draw(&given, positions, triangles, packed, depth, dropped);
+  check_results(given.device, given.frame.views, positions, triangles, height, width, std::nullopt, packed, depth,
+                dropped);
+  draw(&given, packed, depth, dropped);
   return dropped;
 }
 

@@ -3,7 +3,7 @@
 
 #include "cuda.h"
 #include "../cuda/areas.h"
-#include "rasterize_checks.h"
+#include "frames.h"
 #include "side_stream.h"
 #include "surface_checks.h"
 
@@ -87,33 +87,26 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
                   const std::optional<Tensor>& packed, const std::optional<Tensor>& depth, const Tensor& dropped,
                   bool fills) {
   const char* op = "draw";
-  Frame frame = {};
-  frame.view = viewport(op, height, width, cull);
+  const Viewport view = viewport(op, height, width, cull);
   const CudaRung& rung = find_rung(op, kCudaRungs, precision);
   const CudaVariant& variant = **rung.variants;
   const int device = device_of({&positions, &triangles, &image});
   const DrawnTensors drawn = {positions, triangles, packed, depth, dropped};
   check_drawn(op, device, drawn, height, width);
+  Frame frame = frame_of(op, view, (int32_t)positions.size(0), positions, triangles);
+  set_results(&frame, packed ? &*packed : nullptr, depth, dropped);
   CheckedShading shading;
   check_shading(op, device, positions, triangles, height, width,
                 {uvs, colors, normals, face_normals, material, looks, base_colors, textures, light_directions,
                  light_colors, constants, two_sided},
                 thresholds, {image, albedo, normal_image, linear}, &shading);
   check_drawn_apart(op, drawn, {image, albedo, normal_image, linear});
-  frame.positions = const_data<float>(positions);
-  frame.triangles = const_data<int32_t>(triangles);
-  frame.vertices = positions.size(1);
-  frame.view_stride = frame.vertices * 4;
-  frame.count = (int32_t)triangles.size(0);
-  frame.views = (int32_t)positions.size(0);
-  frame.depth = depth ? data<float>(*depth) : nullptr;
-  frame.dropped = data<int64_t>(dropped);
   if (frame.views == 0) return;
   const CurrentDevice current(device);
   const cudaStream_t stream = current_stream(device);
   // Memory lives longer than the side stream, at whose end this stream has waited for it.
   const WorkingMemory buffer(packed ? 0 : frame.views * height * width * (int64_t)sizeof(int64_t));
-  frame.packed = packed ? data<int64_t>(*packed) : static_cast<int64_t*>(buffer.data());
+  if (!packed) frame.packed = static_cast<int64_t*>(buffer.data());
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
   const bool seen = packed || depth;  // by the caller
   const bool lists_areas = !seen && !fills && height * width >= kSamplesOfAreas && variant.lists_areas &&

@@ -3,7 +3,7 @@
 
 #include "../cuda/counted_work.h"
 #include "cuda.h"
-#include "rasterize_checks.h"
+#include "frames.h"
 #include "work_map_checks.h"
 
 namespace bigtri {
@@ -27,11 +27,10 @@ void map_work_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t 
   const CudaVariant& chosen = find_variant(op, kCountingCudaVariants, variant, precision, " on CUDA");
   const std::vector<int64_t> values = checked_parameters(op, chosen, parameters);
   const int device = device_of({&positions});
-  Frame frame = {};
-  frame.view = viewport(op, height, width, cull, scissor);
-  check_map_work(device, frame.view, 0, positions, triangles, packed, dropped, counters, fragments, edges, tasks);
-  check_count(op, "triangles", triangles.size(0));
-  set_tensors(&frame, 1, positions, triangles, std::nullopt, packed, std::nullopt, dropped);
+  const Viewport view = viewport(op, height, width, cull, scissor);
+  check_map_work(device, view, 0, positions, triangles, packed, dropped, counters, fragments, edges, tasks);
+  Frame frame = frame_of(op, view, 1, positions, triangles);
+  set_results(&frame, &packed, std::nullopt, dropped);
   const CurrentDevice current(device);
   const cudaStream_t stream = current_stream(device);
   // A graph would read `work` below when it runs.

@@ -81,22 +81,6 @@ inline NewResults new_results(int device, const Tensor& positions, int64_t heigh
   return made;
 }
 
-// Fills in what tensors that are checked say of a frame.
-inline void set_tensors(Frame* frame, int32_t views, const Tensor& positions, const Tensor& triangles,
-                        const std::optional<Tensor>& ranges, const Tensor& packed, const std::optional<Tensor>& depth,
-                        const Tensor& dropped) {
-  frame->positions = const_data<float>(positions);
-  frame->triangles = const_data<int32_t>(triangles);
-  frame->vertices = positions.size(-2);
-  frame->count = (int32_t)triangles.size(0);
-  frame->views = views;
-  frame->view_stride = ranges ? 0 : frame->vertices * 4;
-  frame->ranges = ranges ? const_data<int32_t>(*ranges) : nullptr;
-  frame->packed = data<int64_t>(packed);
-  frame->depth = depth ? data<float>(*depth) : nullptr;
-  frame->dropped = data<int64_t>(dropped);
-}
-
 // Arguments that are part of the schema, but that no variant serves yet. docs/numerics.md 1 defines them.
 inline void check_unserved(int64_t samples, const std::optional<Tensor>& behind) {
   BIGTRI_CHECK(samples == 1, "bigtri::rasterize: samples must be 1, the only number of samples a pixel so far, got ",

@@ -4,6 +4,7 @@
 #include <tuple>
 
 #include "../cpu/workspace.h"
+#include "frames.h"
 #include "rasterize_checks.h"
 #include "registry.h"
 #include "work_map_checks.h"
@@ -43,9 +44,8 @@ void rasterize_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   check_results(kCpu, views, positions, triangles, height, width, ranges, packed, depth, dropped);
   if (counters) check(op, "counters", *counters, ScalarType::Long, {kCounters}, "int64 [one for each counter]");
   const Parallel parallel = torch_threads();
-  CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(-2));
-  set_tensors(&frame, views, positions, triangles, ranges, packed, depth, dropped);
-  frame.view = view;
+  CheckedFrame frame = checked_frame(op, parallel, view, views, positions, triangles, ranges);
+  set_results(&frame, &packed, depth, dropped);
   frame.counters = counters ? data<int64_t>(*counters) : nullptr;
   chosen.draw(frame, parallel, values.data());
 }
@@ -66,13 +66,9 @@ void map_work_op(const Tensor& positions, const Tensor& triangles, int64_t heigh
   check_map_work(kCpu, view, WorkMap::squares(columns, rows), positions, triangles, packed, dropped, counters,
                  fragments, edges, tasks);
   const Parallel parallel = torch_threads();
-  CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(0));
+  CheckedFrame frame = checked_frame(op, parallel, view, 1, positions, triangles);
   WorkMap map = {columns, rows, data<int64_t>(fragments), data<int64_t>(edges), data<int64_t>(tasks), tasks.size(0), 0};
-  frame.positions = const_data<float>(positions);
-  frame.views = 1;
-  frame.view = view;
-  frame.packed = data<int64_t>(packed);
-  frame.dropped = data<int64_t>(dropped);
+  set_results(&frame, &packed, std::nullopt, dropped);
   frame.counters = data<int64_t>(counters);
   frame.map = &map;
   chosen.draw(frame, parallel, values.data());
@@ -82,11 +78,10 @@ void map_work_op(const Tensor& positions, const Tensor& triangles, int64_t heigh
 struct StandardFrame {
   const Variant& variant;
   Parallel parallel;
-  int32_t views;
   CheckedFrame frame;
 };
 
-// Checks the inputs; the frame has no tensors yet.
+// Checks the inputs; the frame has no results yet.
 StandardFrame standard_frame(const Tensor& positions, const Tensor& triangles, int64_t height, int64_t width,
                              const std::string& cull, const std::optional<std::vector<int64_t>>& scissor,
                              const std::string& precision) {
@@ -95,14 +90,11 @@ StandardFrame standard_frame(const Tensor& positions, const Tensor& triangles, i
   const Variant& standard = *find_rung(op, kCpuRungs, precision).variants[0];
   const int32_t views = checked_views(kCpu, positions, triangles, std::nullopt);
   const Parallel parallel = torch_threads();
-  CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(-2));
-  frame.view = view;
-  return {standard, parallel, views, frame};
+  return {standard, parallel, checked_frame(op, parallel, view, views, positions, triangles)};
 }
 
-void draw(StandardFrame* given, const Tensor& positions, const Tensor& triangles, const Tensor& packed,
-          const std::optional<Tensor>& depth, const Tensor& dropped) {
-  set_tensors(&given->frame, given->views, positions, triangles, std::nullopt, packed, depth, dropped);
+void draw(StandardFrame* given, const Tensor& packed, const std::optional<Tensor>& depth, const Tensor& dropped) {
+  set_results(&given->frame, &packed, depth, dropped);
   given->variant.draw(given->frame, given->parallel, standard_values(given->variant).data());
 }
 
@@ -112,7 +104,7 @@ NewResults rasterize_new_op(const Tensor& positions, const Tensor& triangles, in
   StandardFrame given = standard_frame(positions, triangles, height, width, cull, scissor, precision);
   NewResults made = new_results(kCpu, positions, height, width, depth);
   const auto& [packed, image, dropped] = made;
-  draw(&given, positions, triangles, packed, image, dropped);
+  draw(&given, packed, image, dropped);
   return made;
 }
 
@@ -121,8 +113,8 @@ Tensor rasterize_into_op(const Tensor& positions, const Tensor& triangles, int64
                          const std::optional<std::vector<int64_t>>& scissor, const std::string& precision) {
   StandardFrame given = standard_frame(positions, triangles, height, width, cull, scissor, precision);
   const Tensor dropped = new_dropped(kCpu, positions);
-  check_results(kCpu, given.views, positions, triangles, height, width, std::nullopt, packed, depth, dropped);
-  draw(&given, positions, triangles, packed, depth, dropped);
+  check_results(kCpu, given.frame.views, positions, triangles, height, width, std::nullopt, packed, depth, dropped);
+  draw(&given, packed, depth, dropped);
   return dropped;
 }
 

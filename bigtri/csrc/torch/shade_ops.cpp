@@ -2,7 +2,7 @@
 
 #include <memory>
 
-#include "rasterize_checks.h"
+#include "frames.h"
 #include "registry.h"
 #include "surface_checks.h"
 
@@ -65,9 +65,10 @@ void shade_op(const Tensor& packed, const Tensor& positions, const Tensor& trian
   check(op, "packed", packed, ScalarType::Long, {-1, -1, -1}, "int64 [B, H, W]");
   check(op, "positions", positions, ScalarType::Float, {packed.size(0), -1, 4}, "float32 [B, V, 4]");
   check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
+  check_count(op, "triangles", triangles.size(0));
   check_size(op, packed.size(1), packed.size(2));
   const Parallel parallel = torch_threads();
-  checked_frame(op, parallel, triangles, positions.size(1));
+  checked_indices(op, parallel, triangles, positions.size(1));
   CheckedShading shading;
   check_shading(op, rung, positions, triangles, packed.size(1), packed.size(2),
                 {uvs, colors, normals, face_normals, material, looks, base_colors, textures, light_directions,
@@ -97,9 +98,9 @@ void draw_op(const Tensor& positions, const Tensor& triangles, int64_t height, i
   const std::vector<int64_t> values = checked_parameters(op, variant, parameters);
   const DrawnTensors drawn = {positions, triangles, packed, depth, dropped};
   check_drawn(op, kCpu, drawn, height, width);
-  const int64_t views = positions.size(0), pixels = height * width;
   const Parallel parallel = torch_threads();
-  CheckedFrame frame = checked_frame(op, parallel, triangles, positions.size(1));
+  CheckedFrame frame = checked_frame(op, parallel, view, (int32_t)positions.size(0), positions, triangles);
+  set_results(&frame, packed ? &*packed : nullptr, depth, dropped);
   CheckedShading shading;
   check_shading(op, rung, positions, triangles, height, width,
                 {uvs, colors, normals, face_normals, material, looks, base_colors, textures, light_directions,
@@ -109,14 +110,10 @@ void draw_op(const Tensor& positions, const Tensor& triangles, int64_t height, i
   // A variant that does not shade, or pixels of samples that do not divide a bin: by way of the visibility buffer.
   const bool fused = variant.shades && kBin % shading.job.samples == 0;
   std::unique_ptr<int64_t[]> buffer;
-  if (!packed && !fused) buffer.reset(new int64_t[(size_t)max_of<int64_t>(views * pixels, 1)]);
-  frame.positions = const_data<float>(positions);
-  frame.views = (int32_t)views;
-  frame.view_stride = positions.size(1) * 4;
-  frame.view = view;
-  frame.packed = packed ? data<int64_t>(*packed) : buffer.get();
-  frame.depth = depth ? data<float>(*depth) : nullptr;
-  frame.dropped = data<int64_t>(dropped);
+  if (!packed && !fused) {
+    buffer.reset(new int64_t[(size_t)max_of<int64_t>(frame.views * height * width, 1)]);
+    frame.packed = buffer.get();
+  }
   frame.shade = fused ? &shading.job : nullptr;
   variant.draw(frame, parallel, values.data());
   if (fused) return;

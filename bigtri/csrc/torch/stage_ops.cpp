@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "../core/visibility.h"
+#include "frames.h"
 #include "registry.h"
 
 namespace bigtri {
@@ -80,12 +81,8 @@ std::tuple<Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tenso
   const CpuRung& rung = rung_of(op, precision);
   check(op, "positions", positions, ScalarType::Float, {-1, 4}, "float32 [V, 4]");
   check(op, "triangles", triangles, ScalarType::Int, {-1, 3}, "int32 [T, 3]");
-  CheckedFrame frame = checked_frame(op, torch_threads(), triangles, positions.size(0));
-  frame.positions = const_data<float>(positions);
-  frame.views = 1;
-  frame.view = view;
   SetupOutput o;
-  rung.stages->setup(frame, &o);
+  rung.stages->setup(checked_frame(op, torch_threads(), view, 1, positions, triangles), &o);
   const int64_t n = (int64_t)o.triangle.size();
   Tensor dropped = empty({}, ScalarType::Long);
   *data<int64_t>(dropped) = o.dropped;
