@@ -294,6 +294,15 @@ void run_grid(dim3 grid, dim3 block, size_t shared_bytes, const std::function<vo
 
 std::map<const void*, Bind> kernels_seen;
 
+// Bytes of dynamic shared memory that a kernel may have, where they are not 48 KB.
+static std::map<const void*, int> most_shared;
+static int shared_allowed = 0;
+
+bool may_have(const void* kernel, size_t shared_bytes) {
+  const auto most = most_shared.find(kernel);
+  return shared_bytes <= (most == most_shared.end() ? 48 * 1024 : (size_t)most->second);
+}
+
 // Graphs are rows of kernels that were launched before; what cannot be in one is refused.
 struct CUgraphNode_st {
   size_t place;
@@ -310,7 +319,7 @@ struct CUgraph_st {
   }
 };
 struct CUgraphExec_st : CUgraph_st {};
-static int graphs_launched = 0, graphs_made = 0, nodes_set = 0;
+static int graphs_launched = 0, graphs_made = 0, nodes_set = 0, refusing = 0;
 
 // A device of two multiprocessors with room for a block each, so that blocks take several turns; of an old kind, so
 // that launches do not overlap.
@@ -348,6 +357,10 @@ cudaError_t cudaGraphAddDependencies(cudaGraph_t graph, const cudaGraphNode_t* f
 }
 cudaError_t cudaGraphInstantiate(cudaGraphExec_t* exec, cudaGraph_t graph, unsigned long long) {
   if (graph->edges + 1 != graph->nodes.size()) return cudaErrorInvalidValue;
+  if (refusing > 0) {
+    --refusing;
+    return cudaErrorMemoryAllocation;
+  }
   ++graphs_made;
   *exec = new CUgraphExec_st{*graph};
   return cudaSuccess;
@@ -382,7 +395,12 @@ cudaError_t cudaFuncGetAttributes(cudaFuncAttributes* attributes, const void*) {
   *attributes = {};
   return cudaSuccess;
 }
-cudaError_t cudaFuncSetAttribute(const void*, cudaFuncAttribute, int) { return cudaSuccess; }
+cudaError_t cudaFuncSetAttribute(const void* function, cudaFuncAttribute attribute, int value) {
+  if (attribute != cudaFuncAttributeMaxDynamicSharedMemorySize) return cudaErrorInvalidValue;
+  most_shared[function] = value;
+  ++shared_allowed;
+  return cudaSuccess;
+}
 cudaError_t cudaOccupancyMaxActiveBlocksPerMultiprocessor(int* blocks, const void*, int, size_t) {
   *blocks = 1;
   return cudaSuccess;
@@ -395,6 +413,10 @@ void set_order(int v) { order = v; }
 int launched_graphs() { return graphs_launched; }
 int made_graphs() { return graphs_made; }
 int set_nodes() { return nodes_set; }
+// The next graphs, as if there were no memory for them; how many of these have not come yet.
+void refuse_graphs(int count) { refusing = count; }
+int graphs_to_refuse() { return refusing; }
+int times_allowed() { return shared_allowed; }  // that a kernel may have more shared memory
 
 // Of parameter i of a variant: its name, or null where there is none; its standard, lowest and highest value; the
 // values allowed, ending with -1, or null for all.

@@ -158,9 +158,13 @@ Bind bind_of(void (*kernel)(Parameters...), std::index_sequence<kOrder...>) {
   };
 }
 
+// Whether a kernel may have so much dynamic shared memory.
+bool may_have(const void* kernel, size_t shared_bytes);
+
 template <class... Parameters, class... Arguments>
 cudaError_t run_configured(const cudaLaunchConfig_t* c, void (*kernel)(Parameters...), Arguments... arguments) {
   kernels_seen[reinterpret_cast<const void*>(kernel)] = bind_of(kernel, std::index_sequence_for<Parameters...>());
+  if (!may_have(reinterpret_cast<const void*>(kernel), c->dynamicSmemBytes)) return cudaErrorInvalidValue;
   run_grid(c->gridDim, c->blockDim, c->dynamicSmemBytes, [&] { kernel(arguments...); });
   return cudaSuccess;
 }

@@ -16,7 +16,7 @@ import cuda_on_cpu
 import numpy as np
 import pytest
 import torch
-from cases import CASES, Case
+from cases import CASES, Case, soup
 from cuda_bits import CONSTRUCTIONS, EVERY, PATHS, VALUES, that_differ, values_of
 from cuda_on_cpu import TOGETHER, VARIANTS, Job
 from exhaustive import exhaustive
@@ -266,6 +266,49 @@ def test_frames_that_launch_the_same_kernels() -> None:
         return found
 
     said = cuda_on_cpu.in_children([graphs])
+    assert not said, said
+
+
+def one_triangle() -> Case:
+    """In a small image, for what is drawn many times."""
+    return soup(np.array([[(-0.9, -0.8, 0.2, 1), (0.9, -0.8, 0.2, 1), (0, 0.9, 0.2, 1)]]), (12, 16))
+
+
+def test_a_graph_that_was_refused_is_tried_again() -> None:
+    """After 64 frames, then after 128; these go without one, and all are drawn."""
+    library, drawn = cuda_on_cpu.kernels(), job(one_triangle(), "bin_owned", {"few": 0, "share": 8})
+
+    def refusals() -> list[str]:
+        library.refuse_graphs(2)
+        refused, launched = [], []
+        for frame in range(2 + 64 + 1 + 128 + 2):
+            to_refuse, before = library.graphs_to_refuse(), library.launched_graphs()
+            if not np.array_equal(cuda_on_cpu.draw(library, drawn)[0], drawn.packed):
+                return [f"frame {frame} is wrong"]
+            if library.graphs_to_refuse() < to_refuse:
+                refused.append(frame)
+            if library.launched_graphs() > before:
+                launched.append(frame)
+        right = refused == [1, 1 + 64 + 1] and launched == [66 + 128 + 1, 196]
+        return [] if right else [f"refused {refused}, launched {launched}"]
+
+    said = cuda_on_cpu.in_children([refusals])
+    assert not said, said
+
+
+def test_shared_memory_is_allowed_once() -> None:
+    """Of a kernel whose blocks have more than 48 KB of it."""
+    library = cuda_on_cpu.kernels()
+    jobs = [job(one_triangle(), "scanline", {"threads": threads}) for threads in (128, 512, 512, 128)]
+
+    def allowed() -> list[str]:
+        found = []
+        for drawn in jobs:
+            cuda_on_cpu.draw(library, drawn)
+            found.append(library.times_allowed())
+        return [] if found == [0, 1, 1, 1] else [f"allowed {found} times"]
+
+    said = cuda_on_cpu.in_children([allowed])
     assert not said, said
 
 

@@ -15,6 +15,9 @@ namespace {
 
 thread_local Launches* noting = nullptr;
 
+// Frames without a graph after its first refusal: each takes the host some 12 us, one that is refused a graph again 70 more.
+constexpr int64_t kFirstWait = 64;
+
 // Kernels that were launched into a stream together, and from the second time on a graph of them, with the grids and
 // values that it has now. Of each stream, because two launches of one graph never run at the same time. It has nothing of
 // the stream itself, which may be gone.
@@ -24,7 +27,9 @@ struct Kept {
   int count;
   const void* kernels[Launches::kMost] = {};
   bool overlaps[Launches::kMost] = {};
-  bool refused = false;  // no graph can be made or launched
+  // Frames that go without a graph, now and after the next refusal. The device may have had no memory for it, and have some
+  // later; twice as many after each refusal, so that what is always refused costs next to nothing.
+  int64_t wait = 0, next_wait = kFirstWait;
   cudaGraph_t graph = nullptr;
   cudaGraphExec_t exec = nullptr;
   cudaGraphNode_t nodes[Launches::kMost] = {};
@@ -64,6 +69,13 @@ struct Kept {
     for (int i = 0; i < count; ++i)
       d += has(launches[i], i) ? 0 : grids[i] == launches[i].grid ? 1 : 1 + Launches::kMost;
     return d;
+  }
+
+  // No graph could be made or launched.
+  void refuse() {
+    destroy();
+    wait = next_wait;
+    next_wait *= 2;
   }
 
   // A graph that runs ends nevertheless.
@@ -154,13 +166,16 @@ class Relaxed {
 
 // The graph to launch them by: one of the same kernels that has nothing to change; else a new one while there may be more
 // of them; else the one with the least to change, and of several the one used longest ago. Null where they come for the
-// first time, for a graph takes 70 us to make, or where one was refused.
+// first time, for a graph takes 70 us to make, or while one that was refused is not tried again.
 Kept* graph_for(int device, cudaStream_t stream, const Launch* launches, int count) {
   auto best = kept.end();
   int alike = 0, least = 0;
   for (auto k = kept.begin(); k != kept.end() && alike < kMostAlike; ++k) {
     if (!k->is_of(device, stream, launches, count)) continue;
-    if (k->refused) return nullptr;
+    if (k->wait > 0) {
+      --k->wait;
+      return nullptr;
+    }
     const int distance = k->exec ? k->distance(launches) : 0;
     if (alike++ == 0 || distance <= least) {
       best = k;
@@ -190,8 +205,7 @@ bool put_graph(int device, cudaStream_t stream, const Launch* launches, int coun
   Kept* const graph = graph_for(device, stream, launches, count);
   if (!graph) return false;
   if (launch_graph(graph, launches) == cudaSuccess) return true;
-  graph->refused = true;
-  graph->destroy();
+  graph->refuse();
   cudaGetLastError();  // clears it
   return false;
 }

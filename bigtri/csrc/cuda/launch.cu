@@ -15,6 +15,9 @@ namespace {
 std::mutex mutex;
 std::map<std::pair<const void*, int>, int> resident;
 std::map<std::pair<const void*, int>, bool> overlapping;
+std::map<std::pair<const void*, int>, int64_t> allowed;  // bytes
+
+constexpr int64_t kAlwaysAllowed = 48 * 1024;  // bytes
 
 constexpr int kDevices = 64;  // more of them are asked each time
 using OfDevices = std::array<std::atomic<int>, kDevices>;  // 0: not known yet
@@ -27,6 +30,16 @@ cudaError_t attribute(cudaDeviceAttr which, OfDevices* known, int* value) {
   if (*value != 0) return cudaSuccess;
   BIGTRI_CUDA(cudaDeviceGetAttribute(value, which, device));
   if (place) place->store(*value, std::memory_order_relaxed);
+  return cudaSuccess;
+}
+
+// By the thread that has the mutex, on its current device.
+cudaError_t allow(const void* kernel, int device, int64_t shared_bytes) {
+  if (shared_bytes <= kAlwaysAllowed) return cudaSuccess;
+  int64_t& bytes = allowed[std::make_pair(kernel, device)];
+  if (bytes >= shared_bytes) return cudaSuccess;
+  BIGTRI_CUDA(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)shared_bytes));
+  bytes = shared_bytes;
   return cudaSuccess;
 }
 
@@ -65,6 +78,13 @@ cudaError_t cache_bytes(int* bytes) {
   return attribute(cudaDevAttrL2CacheSize, &known, bytes);
 }
 
+cudaError_t allow_shared(const void* kernel, int64_t shared_bytes) {
+  int device;
+  BIGTRI_CUDA(current_device(&device));
+  const std::lock_guard<std::mutex> lock(mutex);
+  return allow(kernel, device, shared_bytes);
+}
+
 cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_bytes, int* blocks) {
   int device;
   BIGTRI_CUDA(current_device(&device));
@@ -74,8 +94,7 @@ cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_byte
     *blocks = found->second;
     return cudaSuccess;
   }
-  if (shared_bytes > 48 * 1024)
-    BIGTRI_CUDA(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)shared_bytes));
+  BIGTRI_CUDA(allow(kernel, device, shared_bytes));
   int processors, each;
   BIGTRI_CUDA(multiprocessors(&processors));
   BIGTRI_CUDA(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&each, kernel, threads, (size_t)shared_bytes));

@@ -21,7 +21,11 @@ cudaError_t current_device(int* device);
 cudaError_t multiprocessors(int* count);
 cudaError_t cache_bytes(int* bytes);  // of its L2 cache
 
-// As many blocks of the kernel as the current device holds at once; asked for once per kernel and device.
+// Lets a kernel's launches on the current device have so much dynamic shared memory; told once per kernel and device.
+cudaError_t allow_shared(const void* kernel, int64_t shared_bytes);
+
+// As many blocks of the kernel as the current device holds at once; asked for once per kernel and device. Allows them
+// their shared memory.
 cudaError_t resident_blocks(const void* kernel, int threads, int64_t shared_bytes, int* blocks);
 
 // Hands out parts of scratch memory, or with no memory only counts.

@@ -76,13 +76,11 @@ SetUp take(Scratch* scratch, const Frame& f, const Values& v) { return take_set_
 cudaError_t draw_view(const Frame& f, const Values& v, SetUp how, cudaStream_t stream) {
   BIGTRI_CUDA(launch_clear(f, how.projected, {}, stream));
   if (f.count > 0) {
-    const int64_t warps = v.threads / kWarp;
+    const int64_t warps = v.threads / kWarp, shared_bytes = warps * (int64_t)sizeof(Own);
     BIGTRI_CUDA(choose_each(f, v.search, kWarp, &how));
-    BIGTRI_CUDA(cudaFuncSetAttribute(reinterpret_cast<const void*>(draw_triangles),
-                                     cudaFuncAttributeMaxDynamicSharedMemorySize,
-                                     kMostThreads / kWarp * (int)sizeof(Own)));
-    BIGTRI_CUDA(launch_next(draw_triangles, grid_blocks(f.count, warps * how.each), (int)v.threads,
-                            warps * (int64_t)sizeof(Own), stream, f, how));
+    BIGTRI_CUDA(allow_shared(reinterpret_cast<const void*>(draw_triangles), shared_bytes));
+    BIGTRI_CUDA(launch_next(draw_triangles, grid_blocks(f.count, warps * how.each), (int)v.threads, shared_bytes,
+                            stream, f, how));
   }
   return launch_depth(f, 0, stream);
 }
