@@ -11,7 +11,7 @@ import counted_work
 import numpy as np
 import pytest
 import torch
-from cuda_bits import DEVICE, Scene, case_of, needs_cuda
+from cuda_bits import DEVICE, EVERY, Scene, case_of, needs_cuda
 
 import bigtri
 from bigtri import native, reference
@@ -26,6 +26,7 @@ pytestmark = needs_cuda
 
 COUNTED = tuple(native.VARIANTS.get("cuda", ()))  # those of exact
 HIDE = ("bin_owned", "persistent")  # what an entry covers hides what lies behind, in an order that the device decides
+RECORD_BYTES = 104  # of csrc/core/record.h's Record on a GPU
 Counted = TypeVar("Counted")
 
 
@@ -49,18 +50,39 @@ def test_work_is_the_reference_s(variant: str, name: str) -> None:
     """What depends on nothing: records, and the pixels that they cover, each offered its depth once; where depth hides some,
     and where records are drawn by rows before it is known that they cover nothing, the bounds."""
     has = native.REGISTRY[DEVICE]["exact"][variant].parameters
-    found = counted(name, variant, {"early_z": 0} if "early_z" in has else {})
+    found = counted(name, variant, {setting: 0 for setting in ("early_z", "rows") if setting in has})
     case = case_of(Scene(name))
     every, _ = reference.setup(case.positions, case.triangles, *case.resolution)
     records = len(without_empty(every, EXACT).xy)
     offered = counters.count(*case, variant="scanline", backend="reference")["fragments"]
     assert found["records"] == found.get("by_rows", 0) + found.get("by_tiles", 0)
-    assert found["records"] == records or (variant in ("bin_owned", "two_stage") and records < found["records"] <= len(every.xy))
+    assert found["records"] == records or (variant == "bin_owned" and records < found["records"] <= len(every.xy))
     assert found["fragments"] == offered or (variant in HIDE and found["fragments"] < offered)
     if variant in counted_work.SAME:
-        counted_work.check(variant, found, case, 104)  # bytes of csrc/core/record.h's Record on a GPU
+        counted_work.check(variant, found, case, RECORD_BYTES)
+    if variant == "persistent":
+        counted_work.check_persistent(found, case, RECORD_BYTES)
     if "early_z" in has:
         assert counted(name, variant, {"early_z": 1})["fragments"] <= found["fragments"]
+
+
+@pytest.mark.parametrize("name", ["many_small", "guard_band", "mixed"])
+@pytest.mark.parametrize("share", [32, 128])
+@pytest.mark.parametrize("variant", ["two_stage", "bin_owned"])
+def test_rows_are_counted(variant: str, share: int, name: str) -> None:
+    """By blocks that draw their triangles together, and by others; of what waits beside rows, what bins and patches test."""
+    rows = {"few": 0} if variant == "bin_owned" else {"rows": 1}
+    found, case = counted(name, variant, {**rows, "share": share, "widest": 64}), case_of(Scene(name))
+    every, _ = reference.setup(case.positions, case.triangles, *case.resolution)
+    counted_work.check_rows(variant, found, case, every, 64, share == 32, RECORD_BYTES)
+
+
+@pytest.mark.parametrize("name", ["behind_camera", "guard_band", "slivers_across"])
+@pytest.mark.parametrize(("warps", "region"), [(8, 4), (16, 16)])
+def test_patches_are_counted(warps: int, region: int, name: str) -> None:
+    found, case = counted(name, "bin_owned", {"few": EVERY, "warps": warps, "region": region}), case_of(Scene(name))
+    every, _ = reference.setup(case.positions, case.triangles, *case.resolution)
+    counted_work.check_few(found, case, every, warps, region)
 
 
 @pytest.mark.parametrize("variant", COUNTED)
@@ -98,7 +120,9 @@ def test_views_are_counted_together() -> None:
     one, case = counted("mixed", "scanline", {}), case_of(Scene("mixed"))
     views = np.stack([case.positions] * 3)
     three = counters.count(views, *case[1:], variant="scanline", device=DEVICE, backend="native")
-    assert three == {name: 3 * n for name, n in one.items()}
+    fixed = [name for name, counter in native.COUNTERS.items() if counter.depends != "order"]
+    assert {name: three.get(name, 0) for name in fixed} == {name: 3 * one.get(name, 0) for name in fixed}
+    counted_work.check_order("scanline", three, case, views=3)
 
 
 def test_what_is_not_counted_is_named() -> None:

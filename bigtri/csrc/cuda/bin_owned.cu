@@ -227,6 +227,7 @@ __device__ __noinline__ void wait_or_draw(const Frame& f, const Waiting& w, int3
   count_work(f, Counter::records, have);
   count_work(f, Counter::by_tiles, have);
   count_work(f, Counter::overflows, have && !(waiting >> lane_id() & 1));
+  count_work(f, Counter::bytes, waiting >> lane_id() & 1 ? sizeof(Record) : 0);
   draw_now(first_pixel(f, view), f.view.width, records, all & ~waiting);
 }
 

@@ -32,15 +32,6 @@ __device__ __forceinline__ void each_square(const Frame& f, const Record& r, int
   }
 }
 
-// Counts what meet() has asked: of each edge two corners of the area, and one of the bin that it lies in.
-__device__ __forceinline__ void count_meeting(const Frame& f, const Meeting& m, Counter tested, Counter rejected,
-                                              Counter accepted) {
-  count_work(f, tested, 1);
-  count_work(f, rejected, !m.meets());
-  count_work(f, accepted, (m.info & Entry::kEntryFull) != 0);
-  count_work(f, Counter::edges_64, 9);
-}
-
 struct BinQueues {
   enum Counter { kRecordCount, kLeftCount, kNextBin, kCounters };
 

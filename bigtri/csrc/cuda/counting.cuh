@@ -40,6 +40,9 @@ __device__ __forceinline__ FramePixel frame_pixel(const Frame& f, int64_t* at) {
 __device__ __forceinline__ FramePixel frame_pixel(const FramePixel& other, int64_t* at) { return {at, other.frame}; }
 __device__ __forceinline__ int64_t* place_of(const FramePixel& p) { return p.at; }
 __device__ __forceinline__ FramePixel kept(const FramePixel& p) { return p; }
+__device__ __forceinline__ void count_work(const FramePixel& p, Counter counter, int64_t n) {
+  count_work(*p.frame, counter, n);
+}
 __device__ __forceinline__ void count_fragment(const FramePixel& p) {
   const int64_t n = p.at - p.frame->packed;
   count_fragment(*p.frame, (int)(n % p.frame->view.width), (int)(n / p.frame->view.width));
@@ -60,6 +63,7 @@ using FramePixel = int64_t*;
 __device__ __forceinline__ FramePixel frame_pixel(const Frame&, int64_t* at) { return at; }
 __device__ __forceinline__ FramePixel frame_pixel(const int64_t*, int64_t* at) { return at; }
 __device__ __forceinline__ int64_t* place_of(int64_t* p) { return p; }
+__device__ __forceinline__ void count_work(const int64_t*, Counter, int64_t) {}
 __device__ __forceinline__ void count_fragment(const int64_t*) {}
 #endif
 

@@ -62,12 +62,28 @@ __device__ __forceinline__ TileMasks warp_tile_masks(const Record& r, const Tile
   return {((uint64_t)touched[1] << 32 | touched[0]) & allowed_tiles(r, edges.bin), (uint64_t)full[1] << 32 | full[0]};
 }
 
+// Counts what warp_tile_masks() has asked, of each edge two corners of all tiles of the bin; and those tiles that the
+// record's bounding box meets.
+__device__ __forceinline__ void count_tiles(FramePixel pixels, const Record& r, const TileEdges& edges,
+                                            const TileMasks& masks) {
+  if (!kCounts || lane_id() != 0) return;
+  const int boxed = __popcll(allowed_tiles(r, edges.bin));
+  count_work(pixels, Counter::tiles_tested, boxed);
+  count_work(pixels, Counter::tiles_rejected, boxed - __popcll(masks.touched));
+  count_work(pixels, Counter::tiles_accepted, __popcll(masks.touched & masks.full));
+  count_work(pixels, Counter::edges_32, 3 * 2 * (kBin / kTile) * (kBin / kTile));
+}
+
 // The record within one bin of a view, by a warp; a pixel is read first, since most of what large triangles draw is
 // hidden.
 __device__ __forceinline__ void warp_draw_bin(FramePixel pixels, int width, const Record& r, int bin_x, int bin_y) {
   TileEdges edges;
-  if (!edges_in_bin(r, bin_x, bin_y, &edges)) return;
+  const int counts = kCounts && lane_id() == 0;  // the bin, once
+  count_work(pixels, Counter::bins_tested, counts);
+  count_work(pixels, Counter::edges_64, 3 * counts);
+  if (!edges_in_bin(r, bin_x, bin_y, &edges)) return count_work(pixels, Counter::bins_rejected, counts);
   const TileMasks masks = warp_tile_masks(r, edges);
+  count_tiles(pixels, r, edges, masks);
   if (!masks.touched) return;
   const DepthInCell depth = plane_in_cell(r, bin_x, bin_y);
   const bool thin = is_thin(r);
@@ -81,6 +97,7 @@ __device__ __forceinline__ void warp_draw_bin(FramePixel pixels, int width, cons
     for (int half = 0; half < 2; ++half) {
       const int j = tile / 8 * kTile + (lane_id() >> 3) + 4 * half;
       if (top + j < r.y0 || top + j >= r.y1) continue;
+      count_work(pixels, Counter::edges_32, full ? 0 : 3);
       if (!full && !is_inside(edges, i, j)) continue;
       if constexpr (kCounts) count_fragment(pixels + ((int64_t)(top + j) * width + left + i));
       const float z = thin ? thin_depth(&r, left + i, top + j) : pixel_depth<false>(depth, i, j);

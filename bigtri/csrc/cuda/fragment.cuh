@@ -196,6 +196,16 @@ __device__ __forceinline__ void meet_patch(const Record& r, uint32_t slot, int b
   *m = meet_by_pairs(r, slot, bin_x, bin_y, left, top, columns, rows);
 }
 
+// Counts what meet() or its twin has asked: of each edge two corners of the area, and one of the bin that it lies in.
+template <class M>
+__device__ __forceinline__ void count_meeting(const Frame& f, const M& m, Counter tested, Counter rejected,
+                                              Counter accepted) {
+  count_work(f, tested, 1);
+  count_work(f, rejected, !m.meets());
+  count_work(f, accepted, (m.info & Entry::kEntryFull) != 0);
+  count_work(f, Counter::edges_64, 9);
+}
+
 // Extremes of f over the centres from (x, y) to (x + last_x, y + last_y) of the bin.
 __device__ __forceinline__ int32_t highest_over(const NarrowEdge& e, int x, int y, int last_x, int last_y) {
   return highest_of(e.f + x * e.sx + y * e.sy, e.sx, e.sy, last_x, last_y);
@@ -270,6 +280,7 @@ __device__ __noinline__ void draw_tested(FramePixel first, int stride, const Rec
     const int px = in_row ? x + m : x, py = in_row ? y : y + m;
     int64_t outside = 0;
     for (int k = 0; k < 3; ++k) outside |= edge_steps(edge_of(r.x, r.y, k), px, py);
+    count_work(first, Counter::edges_64, 3);
     if (outside < 0) continue;
     if constexpr (kCounts) count_fragment(first + (int64_t)m * stride);
     float depth;

@@ -80,12 +80,16 @@ __device__ __forceinline__ void put_into_lists(const Frame& f, const Waiting& w,
       const int down = i / box.columns, bin_x = box.x + i - down * box.columns, bin_y = box.y + down;
       bool rejected = false;
       for (int k = 0; k < 3; ++k) rejected |= bin_edge(edge_of(r.x, r.y, k), bin_x, bin_y).highest < 0;
+      count_work(f, Counter::bins_tested, 1);
+      count_work(f, Counter::bins_rejected, rejected);
+      count_work(f, Counter::edges_64, 3);
       if (rejected) continue;
       const int64_t bin = w.bin(view, bin_x, bin_y);
       const uint32_t at = atomicAdd(&w.sizes[bin], 1u);
       count_work(f, Counter::entries, 1);
       count_work(f, Counter::atomics, 1);
       count_work(f, Counter::overflows, at >= (uint32_t)w.list_room);
+      count_work(f, Counter::bytes, at < (uint32_t)w.list_room ? sizeof(*w.slots) : 0);
       if (at < (uint32_t)w.list_room)
         w.slots[bin * w.list_room + at] = its_slot;
       else
@@ -99,6 +103,7 @@ __device__ __forceinline__ void put_into_lists(const Frame& f, const Waiting& w,
   if (wide) {
     const uint32_t at = claim(w.common_count(), w.room, 1);
     count_work(f, Counter::atomics, 1);
+    count_work(f, Counter::bytes, sizeof(*w.common_boxes) + sizeof(*w.common_slots));
     w.common_boxes[at] = {box_of(records[lane_id()]), view};
     w.common_slots[at] = slot;
   }

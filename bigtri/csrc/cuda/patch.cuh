@@ -145,13 +145,19 @@ __device__ __forceinline__ void draw_all(const Frame& f, Region& region, const P
       nearest = bound_depth(e, x, y, kRegion - 1, Region::kHeight - 1, false);
       const float behind = bound_depth(e, x, y, kRegion - 1, Region::kHeight - 1, true);
       farthest = full && !e.far() ? behind : kInfinity;
+      count_work(f, Counter::tiles_tested, 1);
+      count_work(f, Counter::tiles_rejected, !keep);
+      count_work(f, Counter::tiles_accepted, full);
+      count_work(f, Counter::edges_32, 3 * 2);
     }
     region.bound = min_of(
         region.bound, bits_float(warp_min(float_bits(farthest))));  // depths are not negative: their bits are in order
+    count_work(f, Counter::tiles_hidden, keep && nearest > region.bound);
     keep = keep && nearest <= region.bound;
     const unsigned whole = __ballot_sync(kAllLanes, full);
     for (unsigned todo = __ballot_sync(kAllLanes, keep); todo; todo &= todo - 1) {
       const int i = __ffs(todo) - 1;
+      count_work(f, Counter::edges_32, lane_id() != 0 || whole >> i & 1 ? 0 : 3 * kRegion * Region::kHeight);
       if constexpr (kCounts) count_fragments(f, region, region.cut, entries[list[base + i]]);
       region.draw(entries[list[base + i]], whole >> i & 1, empty, records);
       empty = false;
@@ -247,11 +253,13 @@ __device__ __forceinline__ void gather(const Frame& f, const Candidates& candida
       const int slot = slot_of(i);
       meet_patch(candidates.records[slot], (uint32_t)slot, left >> kBinBits, top >> kBinBits, 0, top & (kBin - 1), kBin,
                  P::kRows, &m);
+      count_meeting(f, m, Counter::bins_tested, Counter::bins_rejected, Counter::bins_accepted);
       if (m.farthest < kInfinity) atomicMin(&patch.bound, float_bits(m.farthest));
     }
     __syncthreads();
     // What a patch is covered by hides what lies behind. Only what is left takes room.
     bool pending = false;
+    count_work(f, Counter::bins_hidden, m.nearest > bits_float(patch.bound));
     if (m.nearest <= bits_float(patch.bound)) {
       const int place = atomicAdd(&s->entry_count, 1);
       pending = place >= room;

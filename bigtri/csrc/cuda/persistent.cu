@@ -83,11 +83,15 @@ __device__ __forceinline__ void put(const Frame& f, const Job& j, const Record& 
                                     uint32_t slot) {
   const int bin_x = bins.x + i % bins.columns, bin_y = bins.y + i / bins.columns, bin = bin_y * j.bins_x + bin_x;
   NarrowEdge edge[3];
-  if (!narrow_edges(r, bin_x, bin_y, edge)) return;
+  count_work(f, Counter::candidates, 1);
+  count_work(f, Counter::bins_tested, 1);
+  count_work(f, Counter::edges_64, 3);
+  if (!narrow_edges(r, bin_x, bin_y, edge)) return count_work(f, Counter::bins_rejected, 1);
   const uint32_t at = atomicAdd(&j.bin_count[bin], 1u);
   count_work(f, Counter::entries, 1);
   count_work(f, Counter::atomics, 1);
   count_work(f, Counter::overflows, at >= (uint32_t)j.room);
+  count_work(f, Counter::bytes, at < (uint32_t)j.room ? sizeof(*j.queues) : 0);
   if (at < (uint32_t)j.room) j.queues[(int64_t)bin * j.room + at] = slot;
 }
 
@@ -205,6 +209,7 @@ __device__ __forceinline__ void put_and_queue(const Frame& f, const Job& j, bool
   __syncwarp();
   count_work(f, Counter::records, have);
   count_work(f, Counter::by_tiles, have);
+  count_work(f, Counter::bytes, have ? sizeof(Record) : 0);
   queue_records(f, j, have, slot);
 }
 
@@ -229,8 +234,10 @@ __device__ __forceinline__ void set_up_share(const Frame& f, const Job& j, int32
                      place = claim_all(&j.counters->parts, (uint32_t)j.parts, parts);
       if (place != kNoRoom)
         put_and_queue(f, j, have, p, f.first_triangle + triangle, (uint32_t)j.pass + place);
-      else if (lane_id() == 0)
+      else if (lane_id() == 0) {
         j.deferred[atomicAdd(&j.counters->deferred, 1u)] = triangle;
+        count_work(f, Counter::bytes, sizeof(*j.deferred));
+      }
     }
     if (dropped && lane_id() == 0) atomicAdd(&j.counters->dropped, (unsigned long long)__popc(dropped));
   }
@@ -262,6 +269,12 @@ __device__ __forceinline__ void draw_tiles(const Frame& f, const Record* records
     all = all && at + tile_lowest(e.edge[k]) >= 0;
   }
   const unsigned touched = __ballot_sync(kAllLanes, any) & 0xff, full = __ballot_sync(kAllLanes, all) & 0xff;
+  if (lane_id() == 0) {
+    count_work(f, Counter::tiles_tested, kRows);
+    count_work(f, Counter::tiles_rejected, kRows - __popc(touched));
+    count_work(f, Counter::tiles_accepted, __popc(full));
+    count_work(f, Counter::edges_32, 3 * (2 * kRows + kTile * kTile * __popc(touched)));
+  }
   for (unsigned todo = touched; todo; todo &= todo - 1) {
     const int tile = __ffs(todo) - 1, i = tile * kTile + (lane_id() & 7), px = bin_x * kBin + i;
     const DepthNumber column = plane_column<DepthNumber>(e.plane.dzdx, i);
@@ -320,6 +333,7 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int whole, int p
                                      (r.y1 - 1) / kBin >= bin_y);
       if (inside) {
         const Meeting meeting = meet(r, (uint32_t)slot, bin_x, bin_y, 0, 0, kBin, kBin);
+        count_meeting(f, meeting, Counter::bins_tested, Counter::bins_rejected, Counter::bins_accepted);
         if (meeting.meets()) {
           const int entry = atomicAdd(&s->count, 1);
           meeting.make_entry(r, &t->entries[entry]);
@@ -333,6 +347,8 @@ __device__ void draw_bin(const Frame& f, const Job& j, int bin, int whole, int p
     }
     __syncthreads();
     const float far = bits_float(s->far);  // behind what covers all of the bin nothing can be seen
+    for (int k = threadIdx.x; kCounts && k < s->count; k += kThreads)
+      count_work(f, Counter::bins_hidden, t->entries[k].nearest > far);
     for (int k = warp; k < s->row_count; k += kWarps) {
       const Entry& e = t->entries[t->rows[k] / kRows];
       if (e.nearest <= far) draw_tiles(f, j.records, e, bin_x, bin_y, t->rows[k] % kRows, pixels);

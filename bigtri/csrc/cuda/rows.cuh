@@ -312,6 +312,8 @@ __device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const Row
                 right = number & ((1 << bits) - 1);
       const int x = r.x(), y = r.y() + down, left = (x & -kBin) + right * kBin;
       span = {max_of(left - x, 0), min_of(left + kBin - x, r.columns())};
+      count_work(pixels, Counter::rows, span.lower < span.upper);
+      count_work(pixels, Counter::edges_32, 3);
 #pragma unroll
       for (int k = 0; k < 3; ++k) cut_row(r.f[k] + r.sy[k] * down, r.sx[k], &span);
       below = y - (r.y() & -kBin);

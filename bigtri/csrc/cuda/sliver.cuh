@@ -302,6 +302,10 @@ template <bool kColumns>
 __device__ __noinline__ void draw_sliver(const Frame& f, SliverShared* s) {
   SliverLines<kColumns> lines(s);
   if (lines.lines <= 0) return;
+  if (threadIdx.x == 0) {
+    count_work(f, Counter::rows, lines.lines);
+    count_work(f, Counter::edges_64, 3);  // of find_crossings()
+  }
   lines.find_crossings();
   uint32_t odd;
   if constexpr (kPairDepth) {

@@ -132,6 +132,8 @@ __device__ __forceinline__ void find_pixels(FramePixel pixels, int width, const 
     edge[k] = row_edge((int32_t)edge_steps(e, p.x0, p.y0), -e.dy, e.dx);
   }
   const int rows = p.y1 - p.y0;
+  count_work(pixels, Counter::rows, rows);
+  count_work(pixels, Counter::edges_32, 3 * (rows > 4 ? kBoxSide : 4));
   const uint32_t columns = ((1u << (p.x1 - p.x0)) - 1) * 0x01010101u,
                  last_rows = columns & (0xffffffffu >> (8 * (-rows & 3)));
   *upper = rows_coverage(edge) & (rows > 4 ? columns : last_rows);
