@@ -67,7 +67,7 @@ def test_work_is_the_reference_s(variant: str, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["many_small", "guard_band", "mixed"])
-@pytest.mark.parametrize("share", [32, 128])
+@pytest.mark.parametrize("share", [32, 128, 256])
 @pytest.mark.parametrize("variant", ["two_stage", "bin_owned"])
 def test_rows_are_counted(variant: str, share: int, name: str) -> None:
     """By blocks that draw their triangles together, and by others; of what waits beside rows, what bins and patches test."""

@@ -533,13 +533,15 @@ def test_counters_of_patches() -> None:
 @exhaustive
 def test_counters_of_rows() -> None:
     """Rows, boxes and slivers, and what waits beside them, in bins or patches."""
-    # Blocks that draw their triangles together, warps that draw by boxes where most are small, and slivers in two bands.
-    ways = {"share": 32, "cache": 0}, {"share": 128}, {"share": 32, "cache": 800_000}
+    # Blocks that draw their triangles together, up to wide ones; warps that draw by boxes where most are small, or leave rows to
+    # others; slivers in two bands.
+    together, wide = {"share": 32, "widest": 64}, {"share": 32, "widest": 256}
+    ways = together, wide, {"share": 128, "widest": 64}, {"share": 256, "widest": 256}, {**together, "cache": 800_000}
     for way, name, variant in itertools.product(ways, (*ODD, "many_small"), ("two_stage", "bin_owned")):
-        found = counted(name, variant, {"few": 0, "widest": 64, **way})
+        found = counted(name, variant, {"few": 0, **way})
         found.assert_bounds()
-        together = way["share"] == 32
-        counted_work.check_rows(variant, found.of, case_of(name), found.set_up, 64, together, record_bytes(EXACT))
+        how = way["widest"], way["share"] == 32, record_bytes(EXACT)
+        counted_work.check_rows(variant, found.of, case_of(name), found.set_up, *how)
 
 
 @exhaustive
