@@ -451,7 +451,8 @@ def _check_waiting(of: Model, case: Case, large: Records, slivers: Records) -> i
     common = of["entries"] + of["bins_hidden"] + of["overflows"] - (of["bins_tested"] - of["bins_rejected"])
     assert min(records, _COMMON) <= common <= records
     listed, rest = divmod(of["bytes"] - _COMMON_BYTES * common, _SLOT_BYTES)
-    assert rest == 0 <= listed <= bins.kept.sum() and (listed == 0 or common < records)
+    kept = np.sort(np.bincount(bins.record, bins.kept, records))
+    assert rest == 0 and kept[: records - common].sum() <= listed <= kept[common:].sum()
     patches = _patches(case, bins, _WAITING_ROWS)
     by_all, by_list = (np.bincount(bins.record, n, records) for n in (patches, 1 + patches * bins.kept))
     lowest, highest = (by_all, by_all) if records <= _COMMON else (np.minimum(by_all, by_list), np.maximum(by_all, by_list))
