@@ -187,9 +187,8 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   const int64_t first_vertex = share.view * (f.view_stride / 4);
   const FramePixel pixels = first_pixel(f, share.view);
   const Vertex* const own_projected = projected ? projected + first_vertex : nullptr;  // of the view
-  // This warp's triangles, [begin, end), where they are a part of the list.
-  const int32_t before = kWay == Way::kTested ? min_of(warp * share.step, share.count) : 0;
-  const int32_t begin = share.first + before, end = begin + min_of(share.step, share.count - before);
+  // Tested: where this warp's triangles begin, and where the block's end.
+  const int32_t begin = share.first + min_of(warp * kWarp, share.count), end = share.first + share.count;
   if (kTogether) {
     // Each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of warp 0
     // is where the triangles end up.
@@ -199,8 +198,8 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   if (kWay == Way::kTested) search->begin(begin, true);
 #pragma unroll 1
   do {
-    int32_t t = kTogether ? share.first + lane_id() * share.step : begin + lane_id();
-    int count = kTogether ? (warp == 0 ? share.count : 0) : end - begin;
+    int32_t t = share.first + lane_id() * share.step;
+    int count = warp == 0 ? share.count : 0;
     if (kWay == Way::kEven || kWay == Way::kApart) {
       const int place = warp * kWarp + lane_id(), log = sharing.log_neighbours;
       const int64_t offset = (int64_t)(place >> log) * share.step + (place & ((1 << log) - 1));
@@ -208,7 +207,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       count = __popc(__ballot_sync(kAllLanes, offset < share.count));
     }
     if (kWay == Way::kTested) {
-      count = find_waiting(f, own_projected, end, search);
+      count = find_waiting(f, own_projected, share.step, end, search);
       t = search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))];
     }
     Filed filed = {0, 0};

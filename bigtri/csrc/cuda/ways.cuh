@@ -40,6 +40,7 @@ struct Sharing {
   int own_pixels;  // even: of the bboxes of those that a warp draws by rows alone; it leaves what comes after
   int log_neighbours;  // even and apart: log2 of how many of them lie next to each other in the list
   uint32_t blocks;  // of a view, if all draw the same triangles
+  bool in_turns;  // tested: all blocks, which the device holds at once, take triangles of the only view in turns
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
 
@@ -114,7 +115,13 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   s->each = each > 0 ? (int)each : share_size(f, resident, projected);
   s->log_neighbours = log_neighbours(f, way_of(s->each), resident);
   s->own_pixels = own_pixels(f);
-  s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
+  s->in_turns = way_of(s->each) == Way::kTested && f.views == 1 && !ranges;
+  if (s->in_turns) {  // places for kEven's blocks are as many warps for these
+    const int64_t held = (int64_t)resident * block_warps(Way::kEven) / block_warps(Way::kTested);
+    s->blocks = (uint32_t)min_of(held, grid_blocks(f.count, block_threads(Way::kTested)));
+  } else {
+    s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
+  }
   s->ranges = ranges;
   *blocks = (int64_t)s->blocks * f.views;
   if (ranges) BIGTRI_CUDA(launch_ranges(f, s->each, ranges, blocks, stream));
@@ -139,8 +146,8 @@ cudaError_t with_way(Way way, const Launch& launch) {
 }
 
 // A block's share of a view's triangles. Together: first, first + step, ..., `count` of them. Even and apart: groups of
-// neighbours that begin at first, first + step, ..., as far as `count` reaches from the first triangle. Tested: parts for
-// each warp that begin so, each of triangles in a row, as far as `count` reaches.
+// neighbours that begin at first, first + step, ..., as far as `count` reaches from the first triangle. Tested: the same,
+// groups of as many as the block has threads.
 struct Share {
   int32_t view, first, step, count;
 };
@@ -189,10 +196,10 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
     share.step = (int32_t)(blocks << s.log_neighbours);
     share.count = all - before;
   } else {
-    const int32_t before = (int32_t)block * s.each;
+    const int32_t together = block_threads(kWay), before = (int32_t)block * (s.in_turns ? together : s.each);
     share.first += before;
-    share.step = s.each / block_warps(kWay);
-    share.count = min_of(s.each, all - before);
+    share.step = s.in_turns ? (int32_t)blocks * together : together;
+    share.count = s.in_turns ? all - before : min_of(s.each, all - before);
   }
   return share;
 }
