@@ -49,6 +49,7 @@ CHANGES = (
     (r'asm volatile\("mov\.u32 %0, %%tid\.x;".*', "i = threadIdx.x;"),
     (r'asm volatile\("st\.global\.cs\.v2.*', "if ((uintptr_t)to & 15) abort(); to[0] = a; to[1] = b;"),
     (r'asm\("rcp\.approx\.ftz\.f32.*', "inverse = 1.0f / v;"),
+    (r'asm\("rcp\.approx\.ftz\.f64.*', "r = 1.0 / v * (1.0 + 1.0 / (1 << 18));"),
     (r'asm volatile\("prefetch\.global\.L1.*', "(void)*static_cast<const volatile char*>(from);"),
     (r'asm volatile\("red\.relaxed\.gpu\.global\.min\.s64.*', "if (packed < *pixel) *pixel = packed;"),
 )

@@ -67,6 +67,14 @@ BIGTRI_HD int64_t edge_value(const Edge& e, int32_t sx, int32_t sy) {
   return (int64_t)e.dx * (sy - e.py) - (int64_t)e.dy * (sx - e.px);
 }
 
+// e of a triangle's edges at (sx, sy), with the sample as the origin: fewer operations for all three together.
+BIGTRI_HD void edge_values(const int32_t x[3], const int32_t y[3], int32_t sx, int32_t sy, int64_t e[3]) {
+  for (int k = 0; k < 3; ++k) {
+    const int p = k == 2 ? 0 : k + 1, q = p == 2 ? 0 : p + 1;
+    e[k] = (int64_t)(x[p] - sx) * (y[q] - sy) - (int64_t)(x[q] - sx) * (y[p] - sy);
+  }
+}
+
 // Top-left rule: 0 if the edge owns the samples on it, else -1. | and & instead of || and && avoid branches.
 BIGTRI_HD int64_t edge_bias(const Edge& e) { return ((e.dy < 0) | ((e.dy == 0) & (e.dx > 0))) - 1; }
 

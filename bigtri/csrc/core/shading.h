@@ -18,18 +18,17 @@ BIGTRI_HD Light light_at(const LightArrays& lights, int64_t l) {
   return {{d[0], d[1], d[2]}, {c[0], c[1], c[2]}};
 }
 
-// normal, albedo, ambient, out: [3]. The normal need not have length 1. F is float, or a vector of floats; Lights: what
-// light_at takes.
+// The light that a surface with this normal gets. normal, ambient, out: [3]. The normal need not have length 1. F is
+// float, or a vector of floats; Lights: what light_at takes.
 template <class F, class Lights>
-BIGTRI_HD void lambert(const F normal[3], const F albedo[3], const float ambient[3], const Lights& lights,
-                       int64_t count, F out[3]) {
+BIGTRI_HD void light_on(const F normal[3], const float ambient[3], const Lights& lights, int64_t count, F out[3]) {
   const F s = (normal[0] * normal[0] + normal[1] * normal[1]) + normal[2] * normal[2], length = square_root(s);
-  F n[3], c[3];
+  F n[3];
   for (int i = 0; i < 3; ++i) {
     // Where s is an infinity, each n[i] is 0 or a NaN, and so is `facing`, which is not above 0 then: no light counts, as
     // with the normal (0, 0, 0).
     n[i] = select(s > 0.0f, normal[i] / length, constant(0.0f, s));
-    c[i] = constant(ambient[i], s);
+    out[i] = constant(ambient[i], s);
   }
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1  // most scenes have two, of which a loop that takes four at a time makes its rest
@@ -38,9 +37,17 @@ BIGTRI_HD void lambert(const F normal[3], const F albedo[3], const float ambient
     const Light light = light_at(lights, l);
     const F facing = (n[0] * light.direction[0] + n[1] * light.direction[1]) + n[2] * light.direction[2];
     const F cosine = select(facing > 0.0f, facing, constant(0.0f, s));
-    for (int i = 0; i < 3; ++i) c[i] = c[i] + light.color[i] * cosine;
+    for (int i = 0; i < 3; ++i) out[i] = out[i] + light.color[i] * cosine;
   }
-  for (int i = 0; i < 3; ++i) out[i] = albedo[i] * c[i];
+}
+
+// What is seen of it. albedo: [3].
+template <class F, class Lights>
+BIGTRI_HD void lambert(const F normal[3], const F albedo[3], const float ambient[3], const Lights& lights,
+                       int64_t count, F out[3]) {
+  F light[3];
+  light_on(normal, ambient, lights, count, light);
+  for (int i = 0; i < 3; ++i) out[i] = albedo[i] * light[i];
 }
 
 // The linear value of a 16-bit sRGB code, correctly rounded: a test compares all 65536. 257 * c is the 8-bit code c.

@@ -63,6 +63,10 @@ Work lay_out(const Shading& job, Scratch* scratch) {
   if (projects(job)) work.projected = scratch->take<ProjectedVertex>(job.views * job.vertices);
   work.place = scratch->take<uint8_t>(triangles);
   work.clipped = scratch->take<ClippedTriangle>(blocks * work.places);
+  if (!prepares(job)) {
+    work.found = scratch->take<uint8_t>(blocks);
+    work.listed = scratch->take<uint8_t>(blocks * work.places);
+  }
   return work;
 }
 
@@ -121,8 +125,14 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
                 for_vertices = work.projected ? blocks_of_items(job.views * job.vertices) : 0,
                 for_tables = blocks_of_items(max_of(max_of<int64_t>(kSrgbSteps, job.surface.lights),
                                                     max_of<int64_t>(job.views * work.height, job.height)));
-  BIGTRI_CUDA(launch_first(begin_frame, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job, work,
+  BIGTRI_CUDA(launch_first(prepares(job) ? begin_frame<true> : begin_frame<false>, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job, work,
                            thresholds, some_textures(job.surface, 0), (unsigned)for_triangles, (unsigned)for_vertices));
+  if (!prepares(job)) {
+    int blocks;
+    BIGTRI_CUDA(multiprocessors(&blocks));
+    blocks = (int)min_of<int64_t>(blocks, max_of<int64_t>(for_triangles, 1));
+    BIGTRI_CUDA(launch_next(clip_found, blocks, kBeginThreads, 0, stream, job, work, (unsigned)for_triangles));
+  }
   if (!job.areas) return cudaSuccess;
   return in_parts(job, work, [&](const Shading& part, const Work& its) {
     const int64_t warps = (part.views * its.height * its.width.by * part.channels + 511) / 512;

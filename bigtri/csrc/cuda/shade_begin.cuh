@@ -50,20 +50,31 @@ __device__ __forceinline__ void make_tables(const Shading& job, const Work& work
     background_at(job.surface, (int)i, job.height, job.channels, work.light_behind[i].value);
 }
 
-// Looks at every triangle of every view, a thread each. The block's warps clip those that have to be clipped.
+// Clips those of a block's triangles that have to be clipped and found a place, a triangle a warp. listed: which of the
+// block's they are.
+__device__ __forceinline__ void clip_listed(const Shading& job, const Work& work, int64_t block, const uint8_t* listed,
+                                            int count, ClipScratch scratch[kBeginWarps]) {
+  for (int k = this_warp(); k < count; k += kBeginWarps) {
+    const int64_t which = block * kBeginThreads + listed[k], view = work.triangles.quotient_of_any(which);
+    clip(job, view, (int32_t)(which - view * job.count), scratch + this_warp(), work.clipped + block * work.places + k);
+  }
+}
+
+// Looks at every triangle of every view, a thread each. Where they are prepared, the block's warps clip those that have to
+// be clipped. Else clip_found does, so that its registers do not keep other blocks, of which there may be thousands, from
+// the device.
+template <bool kPrepared>
 __device__ __forceinline__ void look_at_triangles(const Shading& job, const Work& work) {
-  __shared__ ClipScratch scratch[kBeginWarps];
   __shared__ uint8_t listed[kMostPlaces];  // threads whose triangles are clipped
   __shared__ int count;
   if (threadIdx.x == 0) count = 0;
   __syncthreads();
   const int64_t first = (int64_t)blockIdx.x * kBeginThreads, item = first + threadIdx.x, all = job.views * job.count;
-  const auto view_of = [&](int64_t i) { return work.triangles.quotient_of_any(i); };
   if (item < all) {
-    const int64_t view = view_of(item);
+    const int64_t view = work.triangles.quotient_of_any(item);
     const int32_t triangle = (int32_t)(item - view * job.count);
     bool clipped;
-    if (work.prepared) {
+    if constexpr (kPrepared) {
       PreparedTriangle made;
       prepare(job, view, triangle, &made);
       work.prepared[item] = made;
@@ -82,21 +93,39 @@ __device__ __forceinline__ void look_at_triangles(const Shading& job, const Work
     work.place[item] = (uint8_t)place;
   }
   __syncthreads();
-  for (int k = this_warp(); k < min_of(count, work.places); k += kBeginWarps) {
-    const int64_t which = first + listed[k], view = view_of(which);
-    clip(job, view, (int32_t)(which - view * job.count), scratch + this_warp(),
-         work.clipped + (int64_t)blockIdx.x * work.places + k);
+  const int placed = min_of(count, work.places);
+  if constexpr (kPrepared) {
+    __shared__ ClipScratch scratch[kBeginWarps];
+    clip_listed(job, work, blockIdx.x, listed, placed, scratch);
+  } else {
+    if (threadIdx.x == 0) work.found[blockIdx.x] = (uint8_t)placed;
+    if ((int)threadIdx.x < placed) work.listed[(int64_t)blockIdx.x * work.places + threadIdx.x] = listed[threadIdx.x];
+  }
+}
+
+// Clips what begin_frame has found; mostly that is nothing.
+__global__ void __launch_bounds__(kBeginThreads, 2)
+    clip_found(const __grid_constant__ Shading job, const __grid_constant__ Work work, unsigned triangle_blocks) {
+  __shared__ ClipScratch scratch[kBeginWarps];
+  wait_for_previous();
+  const int64_t step = gridDim.x, at_once = step * kBeginThreads;
+  for (int64_t first = blockIdx.x; first < triangle_blocks; first += at_once) {
+    const int64_t mine = first + threadIdx.x * step;
+    if (!__syncthreads_or(mine < triangle_blocks && work.found[mine] > 0)) continue;
+    for (int64_t block = first; block < min_of<int64_t>(first + at_once, triangle_blocks); block += step)
+      clip_listed(job, work, block, work.listed + block * work.places, work.found[block], scratch);
   }
 }
 
 // The first blocks have triangles, some vertices, the others tables.
-__global__ void __launch_bounds__(kBeginThreads, 2)
+template <bool kPrepared>
+__global__ void __launch_bounds__(kBeginThreads, kPrepared ? 2 : 6)
     begin_frame(const __grid_constant__ Shading job, const __grid_constant__ Work work,
                 const __grid_constant__ Thresholds thresholds, const __grid_constant__ SomeTextures textures,
                 unsigned triangle_blocks, unsigned vertex_blocks) {
   const auto item_behind = [](unsigned blocks) { return (int64_t)(blockIdx.x - blocks) * kBeginThreads + threadIdx.x; };
   if (blockIdx.x < triangle_blocks) {
-    look_at_triangles(job, work);
+    look_at_triangles<kPrepared>(job, work);
   } else if (blockIdx.x < triangle_blocks + vertex_blocks) {
     const int64_t i = item_behind(triangle_blocks);
     if (i < job.views * job.vertices) work.projected[i] = project(frame_of(job, 0), i);

@@ -21,14 +21,15 @@ __device__ __forceinline__ const ClippedTriangle* clipped_of(const Work& work, i
 
 enum class Sample { kBackground, kDrawn, kLeft };
 
-// Finishes a sample that lies at a place of the buffer and has a triangle.
+// Finishes a sample that lies at a place of the buffer and has a triangle. Whole or clipped, there is one place where it
+// is finished, so that lanes that have the one and lanes that have the other go through that together.
 template <bool kPrepared>
 __device__ __forceinline__ Sample shade_sample(const Shading& job, const Work& work, const Place& at, int32_t triangle,
                                                Finished* out) {
   // Of a prepared one: these have many pixels each, so that the number of those of a launch fits 32 bits.
   [[maybe_unused]] const uint32_t number = at.view * (uint32_t)job.count + (uint32_t)triangle;
   // Set on every path: else registers hold them from one sample to the next.
-  WholeTriangle whole = {};
+  PixelTriangle whole = {};
   int32_t vertex[3] = {};
   bool back = false;
   if constexpr (kPrepared)
@@ -37,23 +38,27 @@ __device__ __forceinline__ Sample shade_sample(const Shading& job, const Work& w
     set_up_whole(job, at.view, triangle, work.projected ? work.projected + at.view * job.vertices : nullptr, &whole,
                  vertex, &back);
   float weight[3];
+  const ClippedTriangle* clipped = nullptr;
   if (whole.fate == Fate::kWhole) {
-    weigh(job, whole, at.x, at.y, weight);
-    if constexpr (kPrepared) {
-      finish(job.surface, work.lookups, SkinInMemory{&work.prepared[number].skin}, weight, out);
-    } else {
-      Skin skin = {};
-      if (!load_skin(job, triangle, vertex, back, &skin)) return Sample::kBackground;
-      finish(job.surface, work.lookups, SkinAtHand{skin}, weight, out);
-    }
+    weigh(job, at.view, triangle, whole, at.x, at.y, weight);
   } else if (whole.fate == Fate::kClip) {
-    const ClippedTriangle* clipped = clipped_of(work, work.first_item + (int64_t)at.view * job.count + triangle);
+    clipped = clipped_of(work, work.first_item + (int64_t)at.view * job.count + triangle);
     if (!clipped) return Sample::kLeft;
     if (clipped->count == 0) return Sample::kBackground;
     weigh(job, *clipped, at.x, at.y, weight);
-    finish(job.surface, work.lookups, SkinInMemory{&clipped->skin}, weight, out);
   } else {
     return Sample::kBackground;
+  }
+  if constexpr (kPrepared) {
+    const SkinInMemory skin = {clipped ? &clipped->skin : &work.prepared[number].skin};
+    finish(job.surface, work.lookups, skin, weight, out);
+  } else {
+    Skin skin = {};
+    if (clipped)
+      skin = clipped->skin;
+    else if (!load_skin(job, triangle, vertex, back, &skin))
+      return Sample::kBackground;
+    finish(job.surface, work.lookups, SkinAtHand{skin}, weight, out);
   }
   return Sample::kDrawn;
 }
@@ -82,34 +87,36 @@ __device__ __forceinline__ void store_word(const Shading& job, uint32_t first, i
 }
 
 // Stores a word of the picture, with all lanes; at: the lane's pixel.
-__device__ __forceinline__ void store_word_at(const Shading& job, const Work& work, const Place& at, uint32_t row,
-                                              uint32_t color) {
+__device__ __forceinline__ void store_word_at(const Shading& job, const Work& work, const Place& at, uint32_t color) {
   const int x = at.x - lane_id(), width = (int)work.width.by;
-  store_word(job, row * width + x, width - x, color);
+  store_word(job, row_of(work, at) * width + x, width - x, color);
 }
 
-// What is looked at of a pixel before it is finished: its triangle, or -1.
-__device__ __forceinline__ int32_t look_at_pixel(const Shading& job, const Work& work, uint32_t row, int x) {
-  return triangle_of(job, row * work.width.by + x);
+// What is looked at of a pixel before it is finished: its triangle, or -1. Without a branch, so that the loads of several
+// pixels go together.
+__device__ __forceinline__ int32_t look_at_pixel(const Shading& job, const Work& work, const Place& at) {
+  const bool within = in_picture(work, at);
+  const int32_t triangle = triangle_of(job, within ? row_of(work, at) * work.width.by + at.x : 0);
+  return within ? triangle : -1;
 }
 
 // Finishes a word, with all lanes. triangle: what look_at_pixel said.
 template <bool kPrepared>
-__device__ __forceinline__ void finish_pixels(const Shading& job, const Work& work, const Place& at, uint32_t row,
-                                              int32_t triangle) {
+__device__ __forceinline__ void finish_pixels(const Shading& job, const Work& work, const Place& at, int32_t triangle) {
   Sample sample = Sample::kBackground;
   Finished finished;
-  uint32_t color = work.background[row];
   if (triangle >= 0) {
     sample = shade_sample<kPrepared>(job, work, at, triangle, &finished);
-    if (sample == Sample::kDrawn) color = encoded(*work.lookups.codes, finished.linear);
     if (sample == Sample::kLeft) *work.any_left = 1;
   }
   if (work.beside) {
     if (sample == Sample::kBackground) finish_background(job, at.y, &finished);
-    if (sample != Sample::kLeft && at.x < job.width) store_beside(job, finished, row * job.width + at.x);
+    if (sample != Sample::kLeft && at.x < job.width)
+      store_beside(job, finished, row_of(work, at) * job.width + at.x);
   }
-  store_word_at(job, work, at, row, color);
+  const uint32_t color = sample == Sample::kDrawn ? encoded(*work.lookups.codes, finished.linear)
+                                                  : work.background[row_of(work, at)];
+  store_word_at(job, work, at, color);
 }
 
 }  // namespace

@@ -24,7 +24,8 @@ __device__ __forceinline__ void each_sample(const Shading& job, const Place& pix
 }
 
 // A triangle of those of a pixel, or -1 if it has none.
-__device__ __forceinline__ int32_t look_at_samples(const Shading& job, const Place& pixel) {
+__device__ __forceinline__ int32_t look_at_samples(const Shading& job, const Work& work, const Place& pixel) {
+  if (!in_picture(work, pixel)) return -1;
   const uint32_t first = number_of(job, {pixel.view, pixel.x * job.samples, pixel.y * job.samples});
   const auto look = [&](int n) {
     int32_t triangle = -1;
@@ -43,7 +44,7 @@ __device__ __forceinline__ void finish_behind(const Work& work, int y, Finished*
 
 // Finishes a word, with all lanes. A pixel that has a sample that is left is stored by shade_left.
 template <bool kPrepared>
-__device__ __forceinline__ void finish_samples(const Shading& job, const Work& work, const Place& at, uint32_t row) {
+__device__ __forceinline__ void finish_samples(const Shading& job, const Work& work, const Place& at) {
   const bool within = at.x < (int)work.width.by;
   Mean mean = {};
   each_sample(job, at, [&](const Place& place) {
@@ -58,7 +59,7 @@ __device__ __forceinline__ void finish_samples(const Shading& job, const Work& w
     if (work.beside && within) store_beside(job, finished, i);
     __syncwarp();  // else lanes that are through with a sample go on by themselves
   });
-  store_word_at(job, work, at, row, mean.encoded(job, work.lookups.codes->encode));
+  store_word_at(job, work, at, mean.encoded(job, work.lookups.codes->encode));
 }
 
 }  // namespace

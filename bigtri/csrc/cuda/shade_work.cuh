@@ -38,6 +38,7 @@ struct Work {
   ProjectedVertex* projected;  // [views, V], or null
   uint8_t* place;  // [views, T]: of a clipped triangle, its place among its block's, or kNoPlace; else 0
   ClippedTriangle* clipped;  // [blocks of begin_frame with triangles, places]
+  uint8_t *found, *listed;  // of a block, where nothing is prepared: how many it has there, and which of its triangles
   int places;
 };
 
@@ -84,6 +85,18 @@ __device__ __forceinline__ Place word_at(const Work& work, uint32_t i) {
   return {view, (int)(column * kAreaWidth + i % 2 * kWarp), (int)(row * kAreaHeight + i / 2 % kAreaHeight)};
 }
 static_assert(kAreaWidth == 2 * kWarp, "an area's row is two words");
+// The lane's pixel of the j-th word from a word on that begins a row of its area, or of that word itself.
+__device__ __forceinline__ Place pixel_at(const Place& word, int j) {
+  return {word.view, word.x + j % 2 * kWarp + lane_id(), word.y + j / 2};
+}
+__device__ __forceinline__ uint32_t row_of(const Work& work, const Place& at) { return at.view * work.height + at.y; }
+__device__ __forceinline__ bool in_picture(const Work& work, const Place& at) {
+  return at.x < (int)work.width.by && at.y < work.height;
+}
+// Whether the word of the lane's pixel does.
+__device__ __forceinline__ bool begins_in_picture(const Work& work, const Place& at) {
+  return at.x - lane_id() < (int)work.width.by && at.y < work.height;
+}
 
 }  // namespace
 }  // namespace BIGTRI_NAMESPACE

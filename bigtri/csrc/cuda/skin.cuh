@@ -9,8 +9,9 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// Bits of Skin::bits beside those of LookBit, which stay where the surface has the data.
-enum : int32_t { kSmoothNormal = 1 << 8, kFaceNormal = 1 << 9 };
+// Bits of Skin::bits beside those of LookBit, which stay where the surface has the data. kLitFace: a face normal with the
+// light that it gets, which all of its pixels have in common.
+enum : int32_t { kSmoothNormal = 1 << 8, kFaceNormal = 1 << 9, kLitFace = 1 << 10 };
 
 struct alignas(16) SkinLook {
   float uv[2][3];  // at the corners that weights 0, 1, 2 belong to
@@ -26,7 +27,7 @@ struct alignas(16) CornerVectors {
 // In parts that are read when they are needed: together they take half of a thread's registers.
 struct Skin {
   SkinLook look;
-  CornerVectors normal;  // of a face normal only [][0]
+  CornerVectors normal;  // of a face normal only [][0], and in [][1] its light
   CornerVectors color;
 };
 
@@ -101,6 +102,30 @@ __device__ __forceinline__ bool load_skin(const Shading& job, int32_t triangle, 
   return true;
 }
 
+// Turns a face normal to the front, and computes the light that it gets.
+__device__ __forceinline__ void light_face(const Surface& s, Skin* skin) {
+  if (!(skin->look.bits & kFaceNormal)) return;
+  float normal[3], light[3];
+  for (int c = 0; c < 3; ++c) normal[c] = skin->normal.value[c][0] * skin->look.facing;
+  light_on(normal, s.ambient, LightArrays{s.light_directions, s.light_colors}, s.lights, light);
+  for (int c = 0; c < 3; ++c) skin->normal.value[c][1] = light[c];
+  skin->look.bits |= kLitFace;
+}
+
+// Textures, which nothing writes while kernels read them. The compiler cannot know that, nor that they are in the device's
+// memory, since it finds the pointers to them in memory.
+struct ReadTexels {
+  const float* texels;
+};
+struct ReadCodes {
+  const uint8_t* codes;
+  const float* decoded;  // [256]
+};
+__device__ __forceinline__ float linear_at(const ReadTexels& texture, int64_t i) { return __ldg(texture.texels + i); }
+__device__ __forceinline__ float linear_at(const ReadCodes& texture, int64_t i) {
+  return texture.decoded[__ldg(texture.codes + i)];
+}
+
 // Codes of 16 bits are decoded where they are read: a table of all would take 256 KiB. Not inlined, because few textures
 // have them and the code is long.
 __device__ __noinline__ void sample_wide(const Texture& t, float u, float v, Filter filter, Wrap wrap, float out[3]) {
@@ -113,10 +138,9 @@ __device__ __forceinline__ void look_up(const Lookups& lookups, int32_t texture,
   const Filter filter = bits & kLookNearest ? Filter::kNearest : Filter::kBilinear;
   const Wrap wrap = bits & kLookClamp ? Wrap::kClamp : Wrap::kRepeat;
   if (t.kind == Texels::kCodes8)
-    sample(CodedTexels<uint8_t>{(const uint8_t*)t.texels, lookups.codes->decoded}, t.height, t.width, 3, u, v, filter,
-           wrap, out);
+    sample(ReadCodes{(const uint8_t*)t.texels, lookups.codes->decoded}, t.height, t.width, 3, u, v, filter, wrap, out);
   else if (t.kind == Texels::kLinear)
-    sample((const float*)t.texels, t.height, t.width, 3, u, v, filter, wrap, out);
+    sample(ReadTexels{(const float*)t.texels}, t.height, t.width, 3, u, v, filter, wrap, out);
   else {
     float wide[3];  // a call puts it into memory, and `out` stays in registers
     sample_wide(t, u, v, filter, wrap, wide);
@@ -160,13 +184,18 @@ __device__ __forceinline__ void finish(const Surface& s, const Lookups& lookups,
     const CornerVectors color = skin.color();
     for (int c = 0; c < 3; ++c) out->albedo[c] = out->albedo[c] * mean(color.value[c]);
   }
+  float light[3];
   for (int c = 0; c < 3; ++c) out->normal[c] = 0.0f;
   if (look.bits & (kSmoothNormal | kFaceNormal)) {
     const CornerVectors normal = skin.normal();
-    for (int c = 0; c < 3; ++c) out->normal[c] = look.bits & kSmoothNormal ? mean(normal.value[c]) : normal.value[c][0];
+    for (int c = 0; c < 3; ++c) {
+      out->normal[c] = look.bits & kSmoothNormal ? mean(normal.value[c]) : normal.value[c][0];
+      light[c] = normal.value[c][1];
+    }
   }
   for (int c = 0; c < 3; ++c) out->normal[c] = out->normal[c] * look.facing;
-  lambert(out->normal, out->albedo, s.ambient, lookups.lights, s.lights, out->linear);
+  if (!(look.bits & kLitFace)) light_on(out->normal, s.ambient, lookups.lights, s.lights, light);
+  for (int c = 0; c < 3; ++c) out->linear[c] = out->albedo[c] * light[c];
 }
 
 // The same of the background in a row of the buffer.

@@ -23,8 +23,8 @@ enum class Way {
 // help each other are better off in small blocks.
 BIGTRI_HD constexpr int block_warps(Way way) { return way == Way::kTogether || way == Way::kEven ? 8 : 4; }
 BIGTRI_HD constexpr int block_threads(Way way) { return block_warps(way) * kWarp; }
-// Blocks that a multiprocessor ought to hold.
-BIGTRI_HD constexpr int blocks_held(Way way) { return 32 / block_warps(way); }
+// Blocks that a multiprocessor ought to hold. In turns, a warp needs some registers more to draw two pixels at a time.
+BIGTRI_HD constexpr int blocks_held(Way way) { return way == Way::kTested ? 7 : 32 / block_warps(way); }
 
 constexpr int kSearched = 8 * kWarp;  // triangles of a warp that tests them
 // Triangles of a block, which say what way it goes: up to kWarp together.
@@ -116,8 +116,8 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   s->log_neighbours = log_neighbours(f, way_of(s->each), resident);
   s->own_pixels = own_pixels(f);
   s->in_turns = way_of(s->each) == Way::kTested && f.views == 1 && !ranges;
-  if (s->in_turns) {  // places for kEven's blocks are as many warps for these
-    const int64_t held = (int64_t)resident * block_warps(Way::kEven) / block_warps(Way::kTested);
+  if (s->in_turns) {
+    const int64_t held = (int64_t)resident / blocks_held(Way::kEven) * blocks_held(Way::kTested);
     s->blocks = (uint32_t)min_of(held, grid_blocks(f.count, block_threads(Way::kTested)));
   } else {
     s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
@@ -151,6 +151,11 @@ cudaError_t with_way(Way way, const Launch& launch) {
 struct Share {
   int32_t view, first, step, count;
 };
+// One in shared memory, read again.
+__device__ __forceinline__ Share reread_share(const Share& s) {
+  return {reread(s.view), reread(s.first), reread(s.step), reread(s.count)};
+}
+__device__ __forceinline__ int32_t reread_end(const Share& s) { return reread(s.first) + reread(s.count); }
 
 // The last view whose first block is not behind this one. By all lanes, 32 views at a time.
 __device__ __forceinline__ int32_t view_of_block(const ViewRange* ranges, int32_t views, uint32_t block) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "clip.cuh"
+#include "near_weights.cuh"
 #include "skin.cuh"
 
 namespace bigtri {
@@ -16,9 +17,19 @@ struct alignas(16) WholeTriangle : Corners {
   Divisor area, w[3];
 };
 
+// What near weights are computed from.
+struct alignas(16) NearTriangle {
+  Fate fate;  // as above
+  int32_t x[3], y[3];
+  double inverse_w[3];
+};
+
+// What the pixels of a triangle that is not clipped have of it.
+using PixelTriangle = std::conditional_t<kNearWeights, NearTriangle, WholeTriangle>;
+
 // A triangle that has been set up for all of its pixels.
 struct PreparedTriangle {
-  WholeTriangle whole;
+  PixelTriangle whole;
   Skin skin;
 };
 
@@ -27,7 +38,8 @@ struct ClippedTriangle : Corners {  // in the order of the slots
   struct Part {
     Primitive primitive;
     Divisor area, w[3];
-    double weights[3][3];
+    double weights[3][3], inverse_w[3];
+    int32_t least[3];  // edge values that are covered
   };
   Skin skin;
   int count;  // records; 0 if the triangle's material does not exist
@@ -55,11 +67,34 @@ __device__ __forceinline__ ProjectedVertex project(const Frame& f, int64_t i) {
   return {projected.x, projected.y, v[3], projected.flags};
 }
 
+// Takes over a primitive. w: clip space, in the order of its vertices.
+__device__ __forceinline__ void fill(const Primitive& p, const float w[3], WholeTriangle* out) {
+  for (int k = 0; k < 3; ++k) {
+    out->x[k] = p.x[k];
+    out->y[k] = p.y[k];
+    out->w[k] = divisor(w[k]);
+  }
+  out->area = divisor((double)p.area);
+  out->affine = w[0] == w[1] && w[1] == w[2];
+}
+__device__ __forceinline__ void fill(const Primitive& p, const float w[3], NearTriangle* out) {
+  for (int k = 0; k < 3; ++k) {
+    out->x[k] = p.x[k];
+    out->y[k] = p.y[k];
+    out->inverse_w[k] = near_inverse(w[k]);
+  }
+}
+__device__ __forceinline__ void fill_given(const float[3][4], const int32_t[3], NearTriangle*) {}
+__device__ __forceinline__ void fill_given(const float v[3][4], const int32_t order[3], WholeTriangle* out) {
+  set_given(v, order, out);
+}
+
 // Sets up a triangle. If it is to be drawn as it is, vertex gets its indices, in the order of the weights, and back
-// whether its back is seen, where that matters. projected: the view's vertices, or null.
+// whether its back is seen, where that matters. projected: the view's vertices, or null. T: WholeTriangle or
+// NearTriangle.
+template <class T>
 __device__ __forceinline__ void set_up_whole(const Shading& job, int64_t view, int32_t triangle,
-                                             const ProjectedVertex* projected, WholeTriangle* out, int32_t vertex[3],
-                                             bool* back) {
+                                             const ProjectedVertex* projected, T* out, int32_t vertex[3], bool* back) {
   const Frame f = frame_of(job, view);
   int32_t index[3] = {};
   out->fate = Fate::kDropped;
@@ -74,19 +109,17 @@ __device__ __forceinline__ void set_up_whole(const Shading& job, int64_t view, i
   Primitive p = {};
   out->fate = assemble(f, v, &p);
   if (out->fate != Fate::kWhole) return;
+  float in_order[3];
   for (int k = 0; k < 3; ++k) {
     vertex[k] = pick(index, p.order[k]);
-    out->x[k] = p.x[k];
-    out->y[k] = p.y[k];
-    out->w[k] = divisor(pick(w, p.order[k]));
+    in_order[k] = pick(w, p.order[k]);
   }
-  out->area = divisor((double)p.area);
-  out->affine = w[0] == w[1] && w[1] == w[2];
+  fill(p, in_order, out);
   *back = false;
   if (kUnsnappedWeights || job.surface.two_sided) {
     float corner[3][4];
     for (int k = 0; k < 3; ++k) load_vertex(f, index[k], corner[k]);
-    set_given(corner, p.order, out);
+    fill_given(corner, p.order, out);
     *back = job.surface.two_sided && is_back(corner[0], corner[1], corner[2]);
   }
 }
@@ -97,7 +130,11 @@ __device__ __forceinline__ void prepare(const Shading& job, int64_t view, int32_
   bool back;
   set_up_whole(job, view, triangle, nullptr, &out->whole, vertex, &back);
   Fate* fate = &out->whole.fate;
-  if (*fate == Fate::kWhole && !load_skin(job, triangle, vertex, back, &out->skin)) *fate = Fate::kNothing;
+  if (*fate != Fate::kWhole) return;
+  if (load_skin(job, triangle, vertex, back, &out->skin))
+    light_face(job.surface, &out->skin);
+  else
+    *fate = Fate::kNothing;
 }
 
 // Whether a triangle has to be clipped.
@@ -141,6 +178,8 @@ __device__ __noinline__ void clip(const Shading& job, int64_t view, int32_t tria
     part.area = divisor((double)p.area);
     for (int k = 0; k < 3; ++k) {
       part.w[k] = divisor(parent.w[0][k]);
+      part.inverse_w[k] = near_inverse(parent.w[0][k]);
+      part.least[k] = -(int32_t)edge_bias(edge_of(p.x, p.y, k));
       for (int m = 0; m < 3; ++m) part.weights[k][m] = parent.weights[0][k][m];
     }
   }
@@ -150,6 +189,7 @@ __device__ __noinline__ void clip(const Shading& job, int64_t view, int32_t tria
     const int32_t vertex[3] = {index[slots[0]], index[slots[1]], index[slots[2]]};
     const bool back = job.surface.two_sided && is_back(v[0], v[1], v[2]);
     out->count = load_skin(job, triangle, vertex, back, &out->skin) ? __popc(all) : 0;
+    if (out->count > 0) light_face(job.surface, &out->skin);
     set_given(v, slots, out);
   }
   __syncwarp();
@@ -169,24 +209,79 @@ using WeightNumber = std::conditional_t<kFloatWeights, float, double>;
 
 // Edge values of a view's pixel (x, y). T has x and y of three corners.
 template <class T>
-__device__ __forceinline__ void edge_values(const T& t, int x, int y, WeightNumber e[3]) {
+__device__ __forceinline__ void edges_at(const T& t, int x, int y, WeightNumber e[3]) {
   for (int k = 0; k < 3; ++k)
     e[k] = (WeightNumber)(double)edge_value(edge_of(t.x, t.y, k), pixel_centre(x), pixel_centre(y));
 }
 
-__device__ __forceinline__ void weigh(const Shading& job, const WholeTriangle& t, int x, int y, float weight[3]) {
+// By the rule. t: of this view and triangle, as everywhere below.
+__device__ __forceinline__ void weigh(const Shading& job, int64_t view, int32_t triangle, const WholeTriangle& t, int x,
+                                      int y, float weight[3]) {
   WeightNumber e[3], b[3];
   if constexpr (kUnsnappedWeights) {
     weigh_unsnapped(job, t, x, y, b);
   } else if constexpr (kFloatWeights) {
     const double w[3] = {t.w[0].value, t.w[1].value, t.w[2].value};
-    edge_values(t, x, y, e);
+    edges_at(t, x, y, e);
     whole_float_barycentrics((float)t.area.value, w, t.affine != 0, e, b);
   } else {
-    edge_values(t, x, y, e);
+    edges_at(t, x, y, e);
     whole_barycentrics(t.area, t.w, t.affine != 0, e, b);
   }
   for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
+}
+
+// By the rule, where near weights do not decide: the triangle is set up once more. Rarely called, so that its registers
+// cost the others nothing.
+__device__ __noinline__ void weigh_anew(const Shading& job, int64_t view, int32_t triangle, int x, int y,
+                                        float weight[3]) {
+  WholeTriangle t;
+  int32_t vertex[3];
+  bool back;
+  set_up_whole(job, view, triangle, nullptr, &t, vertex, &back);
+  weigh(job, view, triangle, t, x, y, weight);
+}
+
+__device__ __forceinline__ void weigh(const Shading& job, int64_t view, int32_t triangle, const NearTriangle& t, int x,
+                                      int y, float weight[3]) {
+  int64_t e[3];
+  double b[3];
+  edge_values(t.x, t.y, pixel_centre(x), pixel_centre(y), e);
+  for (int k = 0; k < 3; ++k) b[k] = (double)e[k] * t.inverse_w[k];
+  share_out(b);
+  if (round_surely(b, weight)) return;
+  float exact[3];  // a call puts it into memory, and `weight` stays in registers
+  weigh_anew(job, view, triangle, x, y, exact);
+  for (int k = 0; k < 3; ++k) weight[k] = exact[k];
+}
+
+// By the rule, of a record that covers the pixel.
+__device__ __forceinline__ void weigh_part(const Shading& job, const ClippedTriangle& t,
+                                           const ClippedTriangle::Part& part, int x, int y, float weight[3]) {
+  WeightNumber e[3], b[3];
+  if constexpr (kUnsnappedWeights) {
+    weigh_unsnapped(job, t, x, y, b);
+  } else if constexpr (kFloatWeights) {
+    const double w[3] = {part.w[0].value, part.w[1].value, part.w[2].value};
+    edges_at(part.primitive, x, y, e);
+    clipped_float_barycentrics((float)part.area.value, w, part.weights, e, b);
+  } else {
+    edges_at(part.primitive, x, y, e);
+    clipped_barycentrics(part.area, part.w, part.weights, e, b);
+  }
+  for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
+}
+__device__ __noinline__ void weigh_part_anew(const Shading& job, const ClippedTriangle& t,
+                                             const ClippedTriangle::Part& part, int x, int y, float weight[3]) {
+  weigh_part(job, t, part, x, y, weight);
+}
+
+// Whether a record covers the pixel; its edge values there.
+__device__ __forceinline__ bool covers_with(const ClippedTriangle::Part& part, int x, int y, int64_t e[3]) {
+  const Primitive& p = part.primitive;
+  edge_values(p.x, p.y, pixel_centre(x), pixel_centre(y), e);
+  if constexpr (kFloatCoverage || Rung::kWraps) return covers(p, x, y);
+  return (e[0] >= part.least[0]) & (e[1] >= part.least[1]) & (e[2] >= part.least[2]);
 }
 
 // By the first record that covers the pixel; 0 where none does.
@@ -194,19 +289,22 @@ __device__ __forceinline__ void weigh(const Shading& job, const ClippedTriangle&
   for (int k = 0; k < 3; ++k) weight[k] = 0.0f;
   for (int s = 0; s < t.count; ++s) {
     const ClippedTriangle::Part& part = t.part[s];
-    if (!covers(part.primitive, x, y)) continue;
-    WeightNumber e[3], b[3];
-    if constexpr (kUnsnappedWeights) {
-      weigh_unsnapped(job, t, x, y, b);
-    } else if constexpr (kFloatWeights) {
-      const double w[3] = {part.w[0].value, part.w[1].value, part.w[2].value};
-      edge_values(part.primitive, x, y, e);
-      clipped_float_barycentrics((float)part.area.value, w, part.weights, e, b);
+    if constexpr (kNearWeights) {
+      int64_t e[3];
+      if (!covers_with(part, x, y, e)) continue;
+      double u[3], b[3];
+      for (int k = 0; k < 3; ++k) u[k] = (double)e[k] * part.inverse_w[k];
+      for (int m = 0; m < 3; ++m)
+        b[m] = __fma_rn(u[2], part.weights[2][m], __fma_rn(u[1], part.weights[1][m], u[0] * part.weights[0][m]));
+      share_out(b);
+      if (round_surely(b, weight)) return;
+      float exact[3];
+      weigh_part_anew(job, t, part, x, y, exact);
+      for (int k = 0; k < 3; ++k) weight[k] = exact[k];
     } else {
-      edge_values(part.primitive, x, y, e);
-      clipped_barycentrics(part.area, part.w, part.weights, e, b);
+      if (!covers(part.primitive, x, y)) continue;
+      weigh_part(job, t, part, x, y, weight);
     }
-    for (int k = 0; k < 3; ++k) weight[k] = (float)b[k];
     return;
   }
 }
