@@ -18,16 +18,45 @@ BIGTRI_HD Light light_at(const LightArrays& lights, int64_t l) {
   return {{d[0], d[1], d[2]}, {c[0], c[1], c[2]}};
 }
 
+// v / length of three v, none of which is larger.
+template <class F>
+BIGTRI_HD void divide_all(const F v[3], const F& length, F out[3]) {
+  for (int i = 0; i < 3; ++i) out[i] = v[i] / length;
+}
+#if defined(__CUDA_ARCH__)
+// The same by one inverse. From an inverse that is within a rounding of it, a quotient is correctly rounded if it is
+// corrected once by its exact remainder; so does the compiler divide, where nothing comes near the ends of float32's range.
+// It calls a function as soon as one of a warp's dividends is 0, as two of three are on a surface along the axes, for
+// which these steps give a 0 too.
+BIGTRI_HD void divide_all(const float v[3], const float& length, float out[3]) {
+  constexpr uint32_t kLeast = 27u << 23, kLeastLength = 107u << 23, kMostLength = 147u << 23;  // 2^-100, 2^-20, 2^20
+  bool usual = float_bits(length) - kLeastLength <= kMostLength - kLeastLength;
+  for (int i = 0; i < 3; ++i) usual &= 2 * float_bits(v[i]) - 1 >= 2 * kLeast - 1;  // 0 wraps around
+  if (!usual) {
+    for (int i = 0; i < 3; ++i) out[i] = v[i] / length;
+    return;
+  }
+  float inverse;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(length));
+  inverse = __fmaf_rn(inverse, __fmaf_rn(inverse, -length, 1.0f), inverse);
+  for (int i = 0; i < 3; ++i) {
+    const float q = __fmul_rn(v[i], inverse);
+    out[i] = __fmaf_rn(inverse, __fmaf_rn(q, -length, v[i]), q);
+  }
+}
+#endif
+
 // The light that a surface with this normal gets. normal, ambient, out: [3]. The normal need not have length 1. F is
 // float, or a vector of floats; Lights: what light_at takes.
 template <class F, class Lights>
 BIGTRI_HD void light_on(const F normal[3], const float ambient[3], const Lights& lights, int64_t count, F out[3]) {
   const F s = (normal[0] * normal[0] + normal[1] * normal[1]) + normal[2] * normal[2], length = square_root(s);
   F n[3];
+  // Where s is an infinity, each n[i] is 0 or a NaN, and so is `facing`, which is not above 0 then: no light counts, as
+  // with the normal (0, 0, 0).
+  divide_all(normal, length, n);
   for (int i = 0; i < 3; ++i) {
-    // Where s is an infinity, each n[i] is 0 or a NaN, and so is `facing`, which is not above 0 then: no light counts, as
-    // with the normal (0, 0, 0).
-    n[i] = select(s > 0.0f, normal[i] / length, constant(0.0f, s));
+    n[i] = select(s > 0.0f, n[i], constant(0.0f, s));
     out[i] = constant(ambient[i], s);
   }
 #if defined(__CUDA_ARCH__)
@@ -106,6 +135,11 @@ template <class U>
 BIGTRI_HD U byte_of(const U& bits, const U& of_step) {
   return (of_step + bits) >> 16u;
 }
+
+#if defined(__CUDA_ARCH__)
+// The same, for a minimum and a maximum are one instruction each there, and give the other number where one is a NaN.
+BIGTRI_HD float within_steps(float v) { return fminf(fmaxf(v, kSrgbLeast), 1.0f); }
+#endif
 
 BIGTRI_HD uint8_t encode_srgb(float v, const SrgbSteps& table) {
   const uint32_t bits = float_bits(within_steps(v));

@@ -50,11 +50,22 @@ BIGTRI_HD void wrap_texels(const I& first, int size, Wrap wrap, I i[2]) {
   i[1] = select(next > last, first - first + after, next);
 }
 
+#if defined(__CUDA_ARCH__)
+// A GPU takes the magnitude for nothing.
+BIGTRI_HD bool both_finite(float u, float v) { return (fabsf(u) < kInfinity) & (fabsf(v) < kInfinity); }
+#endif
+
+// Whether neither is a NaN or an infinity.
+template <class F>
+BIGTRI_HD auto both_finite(const F& u, const F& v) {
+  return (u > -kInfinity) & (u < kInfinity) & (v > -kInfinity) & (v < kInfinity);
+}
+
 // The coordinates of a lookup, brought into [0, 1]; (0, 0) for a pair with a NaN or an infinity.
 template <class F>
 BIGTRI_HD void wrap_coordinates(F* u, F* v, Wrap wrap) {
   const F zero = constant(0.0f, *u);
-  const auto finite = (*u > -kInfinity) & (*u < kInfinity) & (*v > -kInfinity) & (*v < kInfinity);
+  const auto finite = both_finite(*u, *v);
   *u = wrap_coordinate(select(finite, *u, zero), wrap);
   *v = wrap_coordinate(select(finite, *v, zero), wrap);
 }

@@ -87,6 +87,7 @@ cudaError_t in_parts(const Shading& given, const Work& all, const Launch& launch
     work.areas = picture_areas(job, job.views, job.areas);
     work.area_columns = ShortDivisor((uint32_t)work.areas.columns);
     work.area_rows = ShortDivisor((uint32_t)work.areas.rows);
+    work.words = (uint32_t)(all_areas(work.areas) * kWordsOfArea);
     work.first_item = view * given.count;
     work.background += view * work.height;
     if (work.projected) work.projected += view * given.vertices;
@@ -145,7 +146,7 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
 cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   return in_parts(given, lay_out(given, &scratch), [&](const Shading& job, const Work& work) {
-    const int64_t words = all_areas(work.areas) * kWordsOfArea;
+    const int64_t words = work.words;
     const bool several = job.samples > 1;
     int blocks;
     if (job.areas) {

@@ -73,22 +73,22 @@ __device__ __forceinline__ void look_at_triangles(const Shading& job, const Work
   if (item < all) {
     const int64_t view = work.triangles.quotient_of_any(item);
     const int32_t triangle = (int32_t)(item - view * job.count);
-    bool clipped;
+    const auto place_of = [&](bool clipped) -> int {
+      if (!clipped) return 0;
+      const int place = atomicAdd(&count, 1);
+      if (place >= work.places) return kNoPlace;
+      listed[place] = (uint8_t)threadIdx.x;
+      return place;
+    };
+    int place;
     if constexpr (kPrepared) {
       PreparedTriangle made;
       prepare(job, view, triangle, &made);
+      place = place_of(made.whole.fate == Fate::kClip);
+      made.whole.clipped = place == kNoPlace ? -1 : (int32_t)(blockIdx.x * work.places + place);
       work.prepared[item] = made;
-      clipped = made.whole.fate == Fate::kClip;
     } else {
-      clipped = is_clipped(job, view, triangle);
-    }
-    int place = 0;
-    if (clipped) {
-      place = atomicAdd(&count, 1);
-      if (place < work.places)
-        listed[place] = (uint8_t)threadIdx.x;
-      else
-        place = kNoPlace;
+      place = place_of(is_clipped(job, view, triangle));
     }
     work.place[item] = (uint8_t)place;
   }

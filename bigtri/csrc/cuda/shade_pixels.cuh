@@ -13,7 +13,7 @@ __device__ __forceinline__ int32_t triangle_of(const Shading& job, uint32_t samp
   return triangle < (uint32_t)job.count ? (int32_t)triangle : -1;
 }
 
-// A triangle that has been clipped; null if there was no memory for it.
+// A triangle that has been clipped, and was not prepared; null if there was no memory for it.
 __device__ __forceinline__ const ClippedTriangle* clipped_of(const Work& work, int64_t item) {
   const int place = work.place[item];
   return place == kNoPlace ? nullptr : work.clipped + item / kBeginThreads * work.places + place;
@@ -42,7 +42,10 @@ __device__ __forceinline__ Sample shade_sample(const Shading& job, const Work& w
   if (whole.fate == Fate::kWhole) {
     weigh(job, at.view, triangle, whole, at.x, at.y, weight);
   } else if (whole.fate == Fate::kClip) {
-    clipped = clipped_of(work, work.first_item + (int64_t)at.view * job.count + triangle);
+    if constexpr (kPrepared)
+      clipped = whole.clipped < 0 ? nullptr : work.clipped + (uint32_t)whole.clipped;
+    else
+      clipped = clipped_of(work, work.first_item + (int64_t)at.view * job.count + triangle);
     if (!clipped) return Sample::kLeft;
     if (clipped->count == 0) return Sample::kBackground;
     weigh(job, *clipped, at.x, at.y, weight);

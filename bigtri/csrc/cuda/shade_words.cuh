@@ -29,13 +29,13 @@ __device__ __forceinline__ void finish_word(const Shading& job, const Work& work
 // triangle; others take no longer than it takes to load them. The device shares out the warps: a word that a model covers
 // takes ten times as long.
 template <bool kSeveral, bool kPrepared, int kWords>
-__global__ void __launch_bounds__(kShadeThreads, 8)
+__global__ void __launch_bounds__(kShadeThreads, kPrepared ? 9 : 8)
     shade_all(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   static_assert(kWords == 1 || (kWords % 2 == 0 && kWordsOfArea % kWords == 0), "whole rows of one area");
   wait_for_previous();
   const uint32_t start = (blockIdx.x * kShadeWarps + this_warp()) * kWords;
-  if (start >= word_count(work)) return;
-  const Place word = word_at(work, start);
+  if (start >= word_count<false>(work)) return;
+  const Place word = word_at<false>(work, start);
   int32_t triangle[kWords];
 #pragma unroll
   for (int j = 0; j < kWords; ++j) triangle[j] = look_at<kSeveral>(job, work, pixel_at(word, j));
@@ -67,19 +67,19 @@ __global__ void __launch_bounds__(kShadeThreads, 8)
 // The areas that are listed, of prepared triangles and a picture that has its background already. Nearly all of their
 // words have a triangle, so that warps may take them in turn.
 template <bool kSeveral>
-__global__ void __launch_bounds__(kShadeThreads, 8)
+__global__ void __launch_bounds__(kShadeThreads, 9)
     shade_listed(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   __shared__ uint32_t numbers[kShadeWarps];  // of the warps' words: no register holds them while a word is finished
   wait_for_previous();
   uint32_t number = blockIdx.x * kShadeWarps + this_warp();
 #pragma unroll 1
-  while (number < word_count(work)) {
-    const Place at = pixel_at(word_at(work, number), 0);
+  while (number < word_count<true>(work)) {
+    const Place at = pixel_at(word_at<true>(work, number), 0);
     const int32_t triangle = look_at<kSeveral>(job, work, at);
     __syncwarp();
     if (lane_id() == 0) numbers[this_warp()] = number;
     __syncwarp();
-    if (number + gridDim.x * kShadeWarps >= word_count(work)) let_next_begin();  // this word is the warp's last
+    if (number + gridDim.x * kShadeWarps >= word_count<true>(work)) let_next_begin();  // this word is the warp's last
     if (__any_sync(kAllLanes, triangle >= 0)) finish_word<kSeveral, true>(job, work, at, triangle);
     number = reread(numbers[this_warp()]) + gridDim.x * kShadeWarps;
   }

@@ -28,6 +28,7 @@ struct Work {
   int height;  // of the picture, px
   Areas areas;  // of the launch's views
   ShortDivisor area_columns, area_rows;  // of a view
+  uint32_t words;  // of all areas
   int64_t first_item;  // views before those of the launch, times T
   bool beside;  // whether something is wanted beside the picture
   Lookups lookups;
@@ -66,14 +67,16 @@ struct Place {
   int x, y;
 };
 
-// Words of the areas that the pass reads. Some lie beyond the image.
+// Words of the areas that the pass reads, those listed or all. Some lie beyond the image.
+template <bool kListed>
 __device__ __forceinline__ uint32_t word_count(const Work& work) {
-  return (work.areas.count ? *work.areas.count : (uint32_t)all_areas(work.areas)) * kWordsOfArea;
+  return kListed ? *work.areas.count * kWordsOfArea : work.words;
 }
+template <bool kListed>
 __device__ __forceinline__ Place word_at(const Work& work, uint32_t i) {
   const uint32_t number = i / kWordsOfArea;
   uint32_t view, row, column;
-  if (work.areas.list) {
+  if constexpr (kListed) {
     const Area area = work.areas.list[number];
     view = (uint32_t)area.view, row = area.row, column = area.column;
   } else {

@@ -23,8 +23,8 @@ enum class Way {
 // help each other are better off in small blocks.
 BIGTRI_HD constexpr int block_warps(Way way) { return way == Way::kTogether || way == Way::kEven ? 8 : 4; }
 BIGTRI_HD constexpr int block_threads(Way way) { return block_warps(way) * kWarp; }
-// Blocks that a multiprocessor ought to hold. In turns, a warp needs some registers more to draw two pixels at a time.
-BIGTRI_HD constexpr int blocks_held(Way way) { return way == Way::kTested ? 7 : 32 / block_warps(way); }
+// Blocks that a multiprocessor ought to hold.
+BIGTRI_HD constexpr int blocks_held(Way way) { return 32 / block_warps(way); }
 
 constexpr int kSearched = 8 * kWarp;  // triangles of a warp that tests them
 // Triangles of a block, which say what way it goes: up to kWarp together.

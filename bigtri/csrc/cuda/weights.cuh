@@ -15,12 +15,14 @@ struct alignas(16) WholeTriangle : Corners {
   int32_t affine;      // whether all w are equal
   int32_t x[3], y[3];  // snapped, subpx
   Divisor area, w[3];
+  int32_t clipped;  // prepared and to be clipped: which of Work::clipped it is; negative if there was no memory for it
 };
 
 // What near weights are computed from.
 struct alignas(16) NearTriangle {
   Fate fate;  // as above
   int32_t x[3], y[3];
+  int32_t clipped;
   double inverse_w[3];
 };
 
