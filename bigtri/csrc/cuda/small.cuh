@@ -183,13 +183,25 @@ __device__ __forceinline__ float depth_in_box(const PairBox& box, uint32_t x, ui
 
 // Draws the pixels listed, a lane one at a time.
 __device__ __forceinline__ void draw_listed(FramePixel pixels, int width, int count, int lane, const SmallShared* s) {
-  for (int i = lane; i < count; i += kWarp) {
-    const int pixel = s->pixels[i];
-    const SmallShared::Box& box = s->box[pixel >> 6];
-    const uint32_t x = pixel & 7, y = pixel >> 3 & 7;
-    const int64_t packed = pack_depth(depth_in_box(box, x, y), box.triangle);
-    if constexpr (kCounts) count_fragment(frame_pixel(pixels, box.corner + (y * (uint32_t)width + x)));
-    keep_nearest(frame_pixel(pixels, box.corner + (y * (uint32_t)width + x)), packed, false);
+#pragma unroll 1
+  for (int i = lane; i < count; i += 2 * kWarp) {
+    const bool second = i + kWarp < count;
+    int pixel[2] = {s->pixels[i], s->pixels[second ? i + kWarp : i]};
+    int64_t packed[2];
+    int64_t* place[2];
+#pragma unroll
+    for (int k = 0; k < 2; ++k) {
+      const SmallShared::Box& box = s->box[pixel[k] >> 6];
+      const uint32_t x = pixel[k] & 7, y = pixel[k] >> 3 & 7;
+      packed[k] = pack_depth(depth_in_box(box, x, y), box.triangle);
+      place[k] = frame_pixel(pixels, box.corner + (y * (uint32_t)width + x));
+    }
+    if constexpr (kCounts) {
+      count_fragment(place[0]);
+      if (second) count_fragment(place[1]);
+    }
+    keep_nearest(place[0], packed[0], false);
+    if (second) keep_nearest(place[1], packed[1], false);
   }
 }
 
