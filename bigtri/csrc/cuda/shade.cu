@@ -17,7 +17,7 @@ namespace {
 // listed, or shade_all all areas, a pixel of the picture a lane, with all of its samples. Pixels of a clipped triangle for
 // which there was no memory are left to shade_left, which ends at once where there are none.
 
-// Of a large picture a warp takes several words together.
+// Of a large picture, much of which may be background, a warp takes several words together.
 constexpr int kWordsOfLarge = 4;
 constexpr int64_t kPixelsOfLarge = 4 << 20;
 // Of whole areas that a launch is for, twice what one view can have.
@@ -60,7 +60,10 @@ Work lay_out(const Shading& job, Scratch* scratch) {
   work.background = scratch->take<uint32_t>(job.views * work.height);
   if (job.samples > 1) work.light_behind = scratch->take<PackedColor>(job.height);
   if (prepares(job)) work.prepared = scratch->take<PreparedTriangle>(triangles);
-  if (projects(job)) work.projected = scratch->take<ProjectedVertex>(job.views * job.vertices);
+  if (projects(job)) {
+    work.projected = scratch->take<ProjectedVertex>(job.views * job.vertices);
+    work.flags = scratch->take<uint16_t>(job.views * job.vertices);
+  }
   work.place = scratch->take<uint8_t>(triangles);
   work.clipped = scratch->take<ClippedTriangle>(blocks * work.places);
   if (!prepares(job)) {
@@ -122,17 +125,19 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
   Thresholds thresholds;
   for (int i = 0; i < 255; ++i) thresholds.value[i] = job.thresholds[i];
   const auto blocks_of_items = [](int64_t items) { return (items + kBeginThreads - 1) / kBeginThreads; };
-  const int64_t for_triangles = blocks_of_items(job.views * job.count),
-                for_vertices = work.projected ? blocks_of_items(job.views * job.vertices) : 0,
+  const int64_t triangles = blocks_of_items(job.views * job.count), for_triangles = projects(job) ? 0 : triangles,
+                for_vertices = projects(job) ? blocks_of_items(job.views * job.vertices) : 0,
                 for_tables = blocks_of_items(max_of(max_of<int64_t>(kSrgbSteps, job.surface.lights),
                                                     max_of<int64_t>(job.views * work.height, job.height)));
-  BIGTRI_CUDA(launch_first(prepares(job) ? begin_frame<true> : begin_frame<false>, for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job, work,
-                           thresholds, some_textures(job.surface, 0), (unsigned)for_triangles, (unsigned)for_vertices));
-  if (!prepares(job)) {
+  BIGTRI_CUDA(launch_first(prepares(job) ? begin_frame<true> : begin_frame<false>,
+                           for_triangles + for_vertices + for_tables, kBeginThreads, 0, stream, job, work, thresholds,
+                           some_textures(job.surface, 0), (unsigned)for_triangles, (unsigned)for_vertices));
+  if (!prepares(job) && triangles > 0) {
+    if (projects(job)) BIGTRI_CUDA(launch_next(find_clipped, triangles, kBeginThreads, 0, stream, job, work));
     int blocks;
     BIGTRI_CUDA(multiprocessors(&blocks));
-    blocks = (int)min_of<int64_t>(blocks, max_of<int64_t>(for_triangles, 1));
-    BIGTRI_CUDA(launch_next(clip_found, blocks, kBeginThreads, 0, stream, job, work, (unsigned)for_triangles));
+    blocks = (int)min_of<int64_t>(blocks, triangles);
+    BIGTRI_CUDA(launch_next(clip_found, blocks, kBeginThreads, 0, stream, job, work, (unsigned)triangles));
   }
   if (!job.areas) return cudaSuccess;
   return in_parts(job, work, [&](const Shading& part, const Work& its) {
@@ -154,7 +159,8 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
       BIGTRI_CUDA(blocks_of(kernel, words, &blocks));
       BIGTRI_CUDA(launch_next(kernel, blocks, kShadeThreads, 0, stream, job, work));
     } else {
-      const bool large = !several && work.prepared && (int64_t)job.height * job.width >= kPixelsOfLarge;
+      const bool large =
+          !several && !job.fills && work.prepared && (int64_t)job.height * job.width >= kPixelsOfLarge;
       const auto kernel = several         ? work.prepared ? shade_all<true, true, 1> : shade_all<true, false, 1>
                           : large         ? shade_all<false, true, kWordsOfLarge>
                           : work.prepared ? shade_all<false, true, 1>

@@ -24,6 +24,7 @@ struct Shading {
   void* areas;
   int samples;  // of a pixel of the picture along each axis
   int channels;  // of the picture: 3, or 4 with alpha
+  bool fills;  // whether triangles probably touch most of the picture; no bit of it depends on that
 };
 
 }  // namespace bigtri

@@ -88,7 +88,8 @@ __device__ __forceinline__ void look_at_triangles(const Shading& job, const Work
       made.whole.clipped = place == kNoPlace ? -1 : (int32_t)(blockIdx.x * work.places + place);
       work.prepared[item] = made;
     } else {
-      place = place_of(is_clipped(job, view, triangle));
+      place = place_of(work.flags ? is_clipped_by(job, triangle, work.flags + view * job.vertices)
+                                  : is_clipped(job, view, triangle));
     }
     work.place[item] = (uint8_t)place;
   }
@@ -103,7 +104,14 @@ __device__ __forceinline__ void look_at_triangles(const Shading& job, const Work
   }
 }
 
-// Clips what begin_frame has found; mostly that is nothing.
+// Looks at triangles whose vertices begin_frame has projected.
+__global__ void __launch_bounds__(kBeginThreads, 8)
+    find_clipped(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
+  wait_for_previous();
+  look_at_triangles<false>(job, work);
+}
+
+// Clips what was found to be clipped; mostly that is nothing.
 __global__ void __launch_bounds__(kBeginThreads, 2)
     clip_found(const __grid_constant__ Shading job, const __grid_constant__ Work work, unsigned triangle_blocks) {
   __shared__ ClipScratch scratch[kBeginWarps];
@@ -117,7 +125,7 @@ __global__ void __launch_bounds__(kBeginThreads, 2)
   }
 }
 
-// The first blocks have triangles, some vertices, the others tables.
+// The first blocks have triangles, if find_clipped does not look at them, some vertices, the others tables.
 template <bool kPrepared>
 __global__ void __launch_bounds__(kBeginThreads, kPrepared ? 2 : 6)
     begin_frame(const __grid_constant__ Shading job, const __grid_constant__ Work work,
@@ -128,7 +136,11 @@ __global__ void __launch_bounds__(kBeginThreads, kPrepared ? 2 : 6)
     look_at_triangles<kPrepared>(job, work);
   } else if (blockIdx.x < triangle_blocks + vertex_blocks) {
     const int64_t i = item_behind(triangle_blocks);
-    if (i < job.views * job.vertices) work.projected[i] = project(frame_of(job, 0), i);
+    if (i < job.views * job.vertices) {
+      const ProjectedVertex vertex = project(frame_of(job, 0), i);
+      work.projected[i] = vertex;
+      work.flags[i] = (uint16_t)vertex.flags;
+    }
   } else {
     make_tables(job, work, thresholds, textures, item_behind(triangle_blocks + vertex_blocks));
   }

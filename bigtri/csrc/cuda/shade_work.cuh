@@ -37,6 +37,7 @@ struct Work {
   uint32_t* any_left;  // [1]: whether pixels are left to shade_left
   PreparedTriangle* prepared;  // [views, T], or null
   ProjectedVertex* projected;  // [views, V], or null
+  uint16_t* flags;  // theirs, for what reads nothing else
   uint8_t* place;  // [views, T]: of a clipped triangle, its place among its block's, or kNoPlace; else 0
   ClippedTriangle* clipped;  // [blocks of begin_frame with triangles, places]
   uint8_t *found, *listed;  // of a block, where nothing is prepared: how many it has there, and which of its triangles

@@ -153,6 +153,13 @@ __device__ __forceinline__ bool is_clipped(const Shading& job, int64_t view, int
   return fate_of(flags[0], flags[1], flags[2]) == Fate::kClip;
 }
 
+// The same by the flags of the view's vertices, as project() made them.
+__device__ __forceinline__ bool is_clipped_by(const Shading& job, int32_t triangle, const uint16_t* flags) {
+  int32_t index[3];
+  return load_indices(frame_of(job, 0), triangle, index) &&
+         fate_of(flags[index[0]], flags[index[1]], flags[index[2]]) == Fate::kClip;
+}
+
 // Clips a triangle, whose indices name vertices, with all lanes.
 __device__ __noinline__ void clip(const Shading& job, int64_t view, int32_t triangle, ClipScratch* scratch,
                                   ClippedTriangle* out) {

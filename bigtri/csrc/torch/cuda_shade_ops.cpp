@@ -117,6 +117,7 @@ void draw_cuda_op(const Tensor& positions, const Tensor& triangles, int64_t heig
   frame.areas = shading.job.areas = areas.data();
   const WorkingMemory drawing(variant.scratch_bytes(frame, values.data()));
   shading.job.packed = frame.packed;
+  shading.job.fills = fills;
   const WorkingMemory scratch(rung.shading_scratch(shading.job));
   SideStream side(op, device, stream);
   check_launch(op, rung.begin_shading(shading.job, scratch.data(), side.stream()));
