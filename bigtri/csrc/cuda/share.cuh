@@ -214,7 +214,8 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       count = __popc(__ballot_sync(kAllLanes, offset < share.count));
     }
     if (kWay == Way::kTested) {
-      count = find_waiting(f, own_projected, share.step, share.first + share.count, search);
+      count = find_waiting(f, own_projected, share.first + share.count, search,
+                           [&](int32_t next) { return group_behind(sharing, share, next); });
       t = search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))];
     }
     Filed filed = {0, 0};
