@@ -62,7 +62,7 @@ BIGTRI_HD void light_on(const F normal[3], const float ambient[3], const Lights&
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1  // most scenes have two, of which a loop that takes four at a time makes its rest
 #endif
-  for (int64_t l = 0; l < count; ++l) {
+  for (int l = 0; l < (int)count; ++l) {
     const Light light = light_at(lights, l);
     const F facing = (n[0] * light.direction[0] + n[1] * light.direction[1]) + n[2] * light.direction[2];
     const F cosine = select(facing > 0.0f, facing, constant(0.0f, s));

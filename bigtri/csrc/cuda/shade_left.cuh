@@ -41,7 +41,7 @@ __device__ __forceinline__ Sample shade_clipped(const Shading& job, const Work& 
 }
 
 // The pixels that are left, of which all samples are finished once more.
-__global__ void __launch_bounds__(kShadeThreads, 4)
+__global__ void __launch_bounds__(kShadeThreads, 16 / kShadeWarps)
     shade_left(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   __shared__ ClipScratch scratch[kShadeWarps];
   __shared__ ClippedTriangle clipped[kShadeWarps];

@@ -29,7 +29,7 @@ __device__ __forceinline__ void finish_word(const Shading& job, const Work& work
 // triangle; others take no longer than it takes to load them. The device shares out the warps: a word that a model covers
 // takes ten times as long.
 template <bool kSeveral, bool kPrepared, int kWords>
-__global__ void __launch_bounds__(kShadeThreads, kPrepared ? 9 : 8)
+__global__ void __launch_bounds__(kShadeThreads, shade_blocks(kPrepared))
     shade_all(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   static_assert(kWords == 1 || (kWords % 2 == 0 && kWordsOfArea % kWords == 0), "whole rows of one area");
   wait_for_previous();
@@ -67,7 +67,7 @@ __global__ void __launch_bounds__(kShadeThreads, kPrepared ? 9 : 8)
 // The areas that are listed, of prepared triangles and a picture that has its background already. Nearly all of their
 // words have a triangle, so that warps may take them in turn.
 template <bool kSeveral>
-__global__ void __launch_bounds__(kShadeThreads, 9)
+__global__ void __launch_bounds__(kShadeThreads, shade_blocks(true))
     shade_listed(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   __shared__ uint32_t numbers[kShadeWarps];  // of the warps' words: no register holds them while a word is finished
   wait_for_previous();

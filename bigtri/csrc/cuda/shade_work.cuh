@@ -12,6 +12,9 @@ namespace {
 
 constexpr int kShadeWarps = 4;  // of a block, in all kernels but begin_frame
 constexpr int kShadeThreads = kShadeWarps * kWarp;
+// Blocks that a multiprocessor ought to hold: more warps wait for memory in less time, but those that set up triangles need
+// more registers.
+constexpr int shade_blocks(bool prepared) { return (prepared ? 36 : 32) / kShadeWarps; }
 constexpr int kBeginWarps = 8;
 constexpr int kBeginThreads = kBeginWarps * kWarp;
 constexpr int kWordsOfArea = kAreaWidth * kAreaHeight / kWarp;  // a word is 32 pixels of a row of the picture

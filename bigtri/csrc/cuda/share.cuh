@@ -247,7 +247,8 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
         if (have && !small) s->left[__popc(left & lanes_below())].put(p, t);
         count_work(f, Counter::records, small);
         count_work(f, Counter::by_rows, small);
-        draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
+        draw_small<kWay == Way::kTested ? 2 : 1>(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small,
+                                                 &s->small);
         if (left) filed = file_left(f, share.view, __popc(left), widest, s);
       } else if (__any_sync(kAllLanes, have)) {
         filed = file(f, p, f.first_triangle + t, share.view, have, widest, s);

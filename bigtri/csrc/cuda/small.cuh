@@ -181,32 +181,34 @@ __device__ __forceinline__ float depth_in_box(const PairBox& box, uint32_t x, ui
   return clamp_depth(plane, box.zmin, box.zmax);
 }
 
-// Draws the pixels listed, a lane one at a time.
+// Draws the pixels listed, a lane kAtOnce at a time. Where that is one, the compiler lets two go side by side, which is
+// faster than two here; but it does not within a loop that goes on with other triangles.
+template <int kAtOnce>
 __device__ __forceinline__ void draw_listed(FramePixel pixels, int width, int count, int lane, const SmallShared* s) {
-#pragma unroll 1
-  for (int i = lane; i < count; i += 2 * kWarp) {
-    const bool second = i + kWarp < count;
-    int pixel[2] = {s->pixels[i], s->pixels[second ? i + kWarp : i]};
-    int64_t packed[2];
-    int64_t* place[2];
+#pragma unroll(2 / kAtOnce)
+  for (int i = lane; i < count; i += kAtOnce * kWarp) {
+    int64_t packed[kAtOnce];
+    int64_t* place[kAtOnce];
 #pragma unroll
-    for (int k = 0; k < 2; ++k) {
-      const SmallShared::Box& box = s->box[pixel[k] >> 6];
-      const uint32_t x = pixel[k] & 7, y = pixel[k] >> 3 & 7;
+    for (int k = 0; k < kAtOnce; ++k) {
+      const int pixel = s->pixels[k > 0 && i + k * kWarp >= count ? i : i + k * kWarp];
+      const SmallShared::Box& box = s->box[pixel >> 6];
+      const uint32_t x = pixel & 7, y = pixel >> 3 & 7;
       packed[k] = pack_depth(depth_in_box(box, x, y), box.triangle);
       place[k] = frame_pixel(pixels, box.corner + (y * (uint32_t)width + x));
     }
-    if constexpr (kCounts) {
-      count_fragment(place[0]);
-      if (second) count_fragment(place[1]);
+#pragma unroll
+    for (int k = 0; k < kAtOnce; ++k) {
+      if (k > 0 && i + k * kWarp >= count) break;
+      if constexpr (kCounts) count_fragment(place[k]);
+      keep_nearest(place[k], packed[k], false);
     }
-    keep_nearest(place[0], packed[0], false);
-    if (second) keep_nearest(place[1], packed[1], false);
   }
 }
 
 // Draws the lanes' small primitives onto a view of this width that the kernels in front have cleared; have: whether
-// this lane has one. By all lanes.
+// this lane has one; kAtOnce: as draw_listed has it. By all lanes.
+template <int kAtOnce>
 __device__ __forceinline__ void draw_small(FramePixel pixels, int width, const Primitive& p, uint32_t triangle,
                                            bool have, SmallShared* s) {
   const int lane = computed_here(lane_id());
@@ -222,7 +224,7 @@ __device__ __forceinline__ void draw_small(FramePixel pixels, int width, const P
     const int part_end = __shfl_sync(kAllLanes, end, first + lanes - 1);
     if (lane >= first && lane < first + lanes) list_pixels(upper, lower, lane, s->pixels + end - count - listed);
     __syncwarp();
-    draw_listed(pixels, width, part_end - listed, lane, s);
+    draw_listed<kAtOnce>(pixels, width, part_end - listed, lane, s);
     listed = part_end;
     __syncwarp();
   }

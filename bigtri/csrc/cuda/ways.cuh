@@ -47,6 +47,8 @@ struct Sharing {
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
 
+// Pixels of an image that is huge.
+constexpr int64_t kHugeImage = 1 << 22;
 // Pixels of the image, or of all views, for each triangle: up to the first number most triangles cover none, from the
 // second on some may be large, from the third on many, from the fourth on most.
 constexpr double kTinyPixels = 0.8, kSmallPixels = 16, kMiddlePixels = 64, kLargePixels = 1 << 14;
@@ -77,6 +79,10 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
                                   : pixels > kTinyPixels && total <= resident * kOfEven * kTurns;
     return even ? kOfEven : kOfApart;
   }
+  // One turn of 32 is as long as two of 16, but for large images, where a block with large triangles is long behind the
+  // others.
+  const bool huge = (int64_t)f.view.width * f.view.height > kHugeImage;
+  if (huge && total <= resident * kWarp && total > resident * kWarp / 2) return kWarp / 2;
   int each = 4;
   while (each < kWarp && total > resident * each) each *= 2;
   return each;
@@ -96,7 +102,7 @@ static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 // Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones. Nor do
 // the blocks of a few triangles, where most of the device has nothing to do. Where an image has many pixels, what waits
 // for blocks that own them takes long to begin.
-constexpr int64_t kFewTriangles = 256, kHugeImage = 1 << 22;  // px
+constexpr int64_t kFewTriangles = 256;
 inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
@@ -125,7 +131,7 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
     const int64_t held = (int64_t)resident * block_warps(Way::kEven) / block_warps(Way::kTested);
     s->blocks = (uint32_t)min_of(held, grid_blocks(f.count, block_threads(Way::kTested)));
     const int64_t turn = (int64_t)s->blocks * block_threads(Way::kTested), turns = f.count / turn;
-    s->in_turns = (int32_t)min_of<int64_t>(f.count, max_of<int64_t>(1, turns * 3 / 4) * turn);
+    s->in_turns = (int32_t)min_of<int64_t>(f.count, max_of<int64_t>(1, turns * 7 / 8) * turn);
   }
   s->ranges = ranges;
   *blocks = (int64_t)s->blocks * f.views;
