@@ -159,8 +159,7 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
       BIGTRI_CUDA(blocks_of(kernel, words, &blocks));
       BIGTRI_CUDA(launch_next(kernel, blocks, kShadeThreads, 0, stream, job, work));
     } else {
-      const bool large =
-          !several && !job.fills && work.prepared && (int64_t)job.height * job.width >= kPixelsOfLarge;
+      const bool large = !several && !job.fills && work.prepared && (int64_t)job.height * job.width >= kPixelsOfLarge;
       const auto kernel = several         ? work.prepared ? shade_all<true, true, 1> : shade_all<true, false, 1>
                           : large         ? shade_all<false, true, kWordsOfLarge>
                           : work.prepared ? shade_all<false, true, 1>

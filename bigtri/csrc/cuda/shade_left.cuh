@@ -54,7 +54,8 @@ __global__ void __launch_bounds__(kShadeThreads, 16 / kShadeWarps)
   const bool listed = work.areas.list;
   const uint32_t words = listed ? word_count<true>(work) : word_count<false>(work);
   for (uint32_t w = blockIdx.x * kShadeWarps + this_warp(); w < words; w += gridDim.x * kShadeWarps) {
-    const Place word = listed ? word_at<true>(work, w) : word_at<false>(work, w), at = {word.view, word.x + lane_id(), word.y};
+    const Place word = listed ? word_at<true>(work, w) : word_at<false>(work, w),
+                at = {word.view, word.x + lane_id(), word.y};
     bool mine = false;
     if (at.x < (int)work.width.by && at.y < work.height)
       each_sample(job, at,

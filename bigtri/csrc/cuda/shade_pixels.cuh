@@ -114,11 +114,10 @@ __device__ __forceinline__ void finish_pixels(const Shading& job, const Work& wo
   }
   if (work.beside) {
     if (sample == Sample::kBackground) finish_background(job, at.y, &finished);
-    if (sample != Sample::kLeft && at.x < job.width)
-      store_beside(job, finished, row_of(work, at) * job.width + at.x);
+    if (sample != Sample::kLeft && at.x < job.width) store_beside(job, finished, row_of(work, at) * job.width + at.x);
   }
-  const uint32_t color = sample == Sample::kDrawn ? encoded(*work.lookups.codes, finished.linear)
-                                                  : work.background[row_of(work, at)];
+  const uint32_t color =
+      sample == Sample::kDrawn ? encoded(*work.lookups.codes, finished.linear) : work.background[row_of(work, at)];
   store_word_at(job, work, at, color);
 }
 

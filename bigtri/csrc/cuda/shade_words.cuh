@@ -53,7 +53,7 @@ __global__ void __launch_bounds__(kShadeThreads, shade_blocks(kPrepared))
     if (covered) finish_word<kSeveral, kPrepared>(job, work, pixel_at(word, 0), triangle[0]);
   } else {
     __shared__ int32_t looked[kShadeWarps][kWords][kWarp];  // no register holds these while a word is finished
-    int32_t(*const own)[kWarp] = looked[this_warp()];
+    int32_t (*const own)[kWarp] = looked[this_warp()];
 #pragma unroll
     for (int j = 0; j < kWords; ++j) own[j][lane_id()] = triangle[j];
 #pragma unroll 1

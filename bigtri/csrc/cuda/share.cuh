@@ -290,8 +290,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     __syncwarp();
   } while (kWay == Way::kTested && search->goes_on(reread_end(shared->share[warp])));
   if constexpr (kLeaves)
-    if (__syncthreads_or(shared->row_counts[warp]))
-      draw_left(first_pixel(f, share.view), f.view.width, warp, shared);
+    if (__syncthreads_or(shared->row_counts[warp])) draw_left(first_pixel(f, share.view), f.view.width, warp, shared);
   wait_for_previous();
 }
 
