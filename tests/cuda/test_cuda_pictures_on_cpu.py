@@ -207,8 +207,8 @@ def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [
-        ("shade_words.cuh", "*row = word.view * work.height + word.y;", "*row = word.y;", "values of image"),
-        ("shade_begin.cuh", "place = kNoPlace;", "place = 0;", "picture 2"),
+        ("shade_work.cuh", "return at.view * work.height + at.y;", "return at.y;", "values of image"),
+        ("shade_begin.cuh", "return kNoPlace;", "return 0;", "picture 2"),
         ("shade_pixels.cuh", "work.projected + at.view * job.vertices", "work.projected", "picture 3"),
         ("shade_pixels.cuh", "if (pixels >= kWarp && ((uintptr_t)bytes & 3) == 0) {", "if (true) {", "access beyond memory"),
         ("shade_begin.cuh", "(shift + 8 * k) % 24", "shift % 24", "alone, picture 4"),
