@@ -215,7 +215,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     }
     if (kWay == Way::kTested) {
       count = find_waiting(f, own_projected, share.first + share.count, search,
-                           [&](int32_t next) { return group_behind(sharing, share, next); });
+                           [&](int32_t next) { return group_behind(f, sharing, share, next); });
       t = search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))];
     }
     Filed filed = {0, 0};

@@ -188,7 +188,7 @@ __device__ __forceinline__ void draw_listed(FramePixel pixels, int width, int co
 #pragma unroll(2 / kAtOnce)
   for (int i = lane; i < count; i += kAtOnce * kWarp) {
     int64_t packed[kAtOnce];
-    int64_t* place[kAtOnce];
+    FramePixel place[kAtOnce];
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
       const int pixel = s->pixels[k > 0 && i + k * kWarp >= count ? i : i + k * kWarp];

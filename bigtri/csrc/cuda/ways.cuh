@@ -183,13 +183,14 @@ __device__ __forceinline__ int32_t view_of_block(const ViewRange* ranges, int32_
 
 // Tested: where the 32 triangles behind those at `next` begin, no farther than where the share ends. By all lanes.
 constexpr int kClaimed = 2 * kWarp;  // triangles: fewer make more claims than one place in memory serves in time
-__device__ __forceinline__ int32_t group_behind(const Sharing& s, const Share& share, int32_t next) {
+__device__ __forceinline__ int32_t group_behind(const Frame& f, const Sharing& s, const Share& share, int32_t next) {
   const int32_t end = share.first + share.count;
   if (s.in_turns == 0) return next + min_of(share.step, end - next);
   if (next < s.in_turns && share.step < s.in_turns - next) return next + share.step;
   if (next >= s.in_turns && (next - s.in_turns) % kClaimed + kWarp < kClaimed) return next + min_of(kWarp, end - next);
   uint32_t claim = 0;
   if (lane_id() == 0) claim = atomicAdd(s.claims, 1u);
+  count_work(f, Counter::atomics, lane_id() == 0);
   claim = __shfl_sync(kAllLanes, claim, 0);
   return (int32_t)min_of<int64_t>(s.in_turns + (int64_t)claim * kClaimed, end);
 }
