@@ -254,11 +254,8 @@ __device__ __noinline__ void weigh_anew(const Shading& job, int64_t view, int32_
 __device__ __forceinline__ void weigh(const Shading& job, int64_t view, int32_t triangle, const NearTriangle& t, int x,
                                       int y, float weight[3]) {
   int64_t e[3];
-  double b[3];
   edge_values(t.x, t.y, pixel_centre(x), pixel_centre(y), e);
-  for (int k = 0; k < 3; ++k) b[k] = (double)e[k] * t.inverse_w[k];
-  share_out(b);
-  if (round_surely(b, weight)) return;
+  if (near_weights(e, t.inverse_w, weight)) return;
   float exact[3];  // a call puts it into memory, and `weight` stays in registers
   weigh_anew(job, view, triangle, x, y, exact);
   for (int k = 0; k < 3; ++k) weight[k] = exact[k];
@@ -301,12 +298,7 @@ __device__ __forceinline__ void weigh(const Shading& job, const ClippedTriangle&
     if constexpr (kNearWeights) {
       int64_t e[3];
       if (!covers_with(part, x, y, e)) continue;
-      double u[3], b[3];
-      for (int k = 0; k < 3; ++k) u[k] = (double)e[k] * part.inverse_w[k];
-      for (int m = 0; m < 3; ++m)
-        b[m] = __fma_rn(u[2], part.weights[2][m], __fma_rn(u[1], part.weights[1][m], u[0] * part.weights[0][m]));
-      share_out(b);
-      if (round_surely(b, weight)) return;
+      if (near_weights(e, part.inverse_w, part.weights, weight)) return;
       float exact[3];
       weigh_part_anew(job, t, part, x, y, exact);
       for (int k = 0; k < 3; ++k) weight[k] = exact[k];
