@@ -137,10 +137,10 @@ def picture_of(seed: int, resolution: tuple[int, int], views: int = 1, count: in
 
 
 def of_shared_vertices(seed: int, resolution: tuple[int, int], views: int) -> Picture:
-    """Many triangles of few vertices, which are projected once."""
+    """Many triangles of few vertices, which are projected once; in each view others have to be clipped."""
     picture = picture_of(seed, resolution, views, count=20)
     corners = np.random.default_rng(seed).integers(0, 60, (len(picture.triangles), 3)).astype(np.int32)
-    vertices = picture.positions[:, :60].contiguous()
+    vertices = torch.stack([view[:60].roll(7 * k, 0) for k, view in enumerate(picture.positions)])
     of_vertices = {name: getattr(picture.surface, name)[:60].contiguous() for name in ("uvs", "colors", "normals")}
     triangles = torch.from_numpy(np.tile(corners, (3, 1)))
     material, face_normals = picture.surface.material.repeat(3), picture.surface.face_normals.repeat(3, 1)
@@ -209,6 +209,24 @@ def full_screen(resolution: tuple[int, int]) -> Picture:
     corners = torch.tensor([[[-1.0, -1, 0.1, 1], [3, -1, 0.2, 1], [-1, 3, 0.3, 1]]]) * torch.tensor([1.0, 2, 3])[:, None]
     triangles = torch.tensor([[0, 1, 2]], dtype=torch.int32)
     return Picture(corners, triangles, surface_of(np.random.default_rng(5), 3, 1), resolution)
+
+
+def of_edges_on_centres(clipped: bool) -> Picture:
+    """Triangles with corners, and so with edges, in the centres of pixels: weights of 0, 1, and what lies in the middle of two
+    numbers. clipped: one corner of each is behind the camera."""
+    rng, (height, width) = np.random.default_rng(60), (64, 128)
+    corners = np.zeros((40, 3, 4))
+    place = rng.integers(0, [width, height], (40, 3, 2))
+    w = 2.0 ** rng.integers(-1, 2, (40, 3))
+    w[::2] = 1.0
+    corners[..., 0], corners[..., 1] = (2 * place[..., 0] + 1) / width - 1, 1 - (2 * place[..., 1] + 1) / height
+    corners[..., 2], corners[..., 3] = rng.uniform(-0.9, 0.9, (40, 3)), 1.0
+    corners *= w[..., None]
+    if clipped:
+        corners[:, 2, 2] = -8
+    positions = np.stack([corners, corners[::-1]]).reshape(2, -1, 4)
+    triangles = torch.arange(120, dtype=torch.int32).view(-1, 3)
+    return Picture(torch.from_numpy(positions.astype(np.float32)), triangles, surface_of(rng, 120, 40), (height, width))
 
 
 def of_many_textures() -> Iterator[Picture]:

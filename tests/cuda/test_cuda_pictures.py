@@ -11,6 +11,7 @@ from picture_cases import (
     Picture,
     drawn,
     full_screen,
+    of_edges_on_centres,
     of_every_effect,
     of_many_clipped,
     of_many_clipped_samples,
@@ -18,6 +19,7 @@ from picture_cases import (
     of_parts,
     of_parts_of_samples,
     of_samples,
+    of_shared_vertices,
     outputs,
     picture_of,
     to_device,
@@ -63,8 +65,9 @@ def pictures() -> list[Picture]:
         picture_of(60, (1080, 1920), count=3000),
         picture_of(61, (256, 256), views=40, count=500, made=False),
     ]
-    clipped = [of_many_clipped(900), *of_many_clipped_samples()]
-    return [*of_every_effect(), *of_samples(), *of_many_textures(), *lights, *clipped, *of_parts_of_samples(), *large]
+    clipped = [of_many_clipped(900), *of_many_clipped_samples(), of_shared_vertices(52, (33, 47), 3)]
+    edges = [of_edges_on_centres(False), of_edges_on_centres(True)]
+    return [*of_every_effect(), *of_samples(), *of_many_textures(), *lights, *clipped, *edges, *of_parts_of_samples(), *large]
 
 
 @pytest.mark.parametrize("number", range(len(pictures())))

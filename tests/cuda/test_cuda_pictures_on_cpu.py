@@ -17,6 +17,7 @@ from picture_cases import (
     Picture,
     drawn,
     full_screen,
+    of_edges_on_centres,
     of_every_effect,
     of_many_clipped,
     of_many_clipped_samples,
@@ -33,7 +34,9 @@ from test_cuda_attributes_on_cpu import bits, pointer
 from test_transform import ASPECT, awkward, cameras
 
 from bigtri import native
+from bigtri.ops.shade import shade
 from bigtri.ops.transform import transform
+from bigtri.precision import DEFAULT, RUNGS
 from bigtri.reference.shading import encode_thresholds
 
 pytestmark = [
@@ -115,6 +118,11 @@ def test_triangles_set_up_before_their_pixels_or_there_and_of_projected_vertices
     assert_right([picture_of(51, (90, 120), 2), of_shared_vertices(52, (33, 47), 3), picture_of(53, (20, 31), 2)])
 
 
+def test_pixels_on_edges() -> None:
+    """Multiplication does not decide their weights, so that they are divided for, by triangles that are set up once more."""
+    assert_right([of_edges_on_centres(False), of_edges_on_centres(True)])
+
+
 def test_pictures_of_a_part_of_the_image() -> None:
     """What no triangle may touch is neither cleared nor read; a buffer that nobody asks for holds rubbish there."""
     assert_right(list(of_parts()))
@@ -181,6 +189,27 @@ def test_buffers_that_say_anything() -> None:
     assert not said, said
 
 
+def test_buffers_that_name_triangles_where_they_are_not() -> None:
+    """Weights beyond an edge, and none where no record of a clipped triangle covers the pixel, as on edges that do not own it."""
+    rng, calls = np.random.default_rng(1), []
+    for picture in (of_edges_on_centres(False), of_edges_on_centres(True), picture_of(46, (41, 50), views=2)):
+        shape = len(picture.positions), *picture.resolution
+        packed, to = torch.from_numpy(rng.integers(0, len(picture.triangles), shape)), outputs(picture)
+        shade(packed, picture.positions, picture.triangles, picture.surface, to.image, to.made, RUNGS[DEFAULT], "native")
+        calls.append((picture, packed, to))
+
+    def body() -> list[str]:
+        found = []
+        for number, (picture, packed, wanted) in enumerate(calls):
+            got = by_the_kernels(cuda_on_cpu.kernels(), picture, packed)
+            pairs = zip(fields(wanted, True), fields(got, True), strict=True)
+            found += [f"picture {number}: {name}" for (name, a), (_, b) in pairs if (bits(a) != bits(b)).any()]
+        return found
+
+    said = cuda_on_cpu.in_children([body])
+    assert not said, said
+
+
 def test_transform() -> None:
     points = torch.from_numpy(awkward(300))
     matrices = torch.from_numpy(np.stack([camera.matrix(ASPECT) for camera in cameras()]))
@@ -196,10 +225,15 @@ def test_transform() -> None:
     assert not said, said
 
 
-def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
-    """With a limit of some views of these pictures, as 2^29 pixels are too many for a test."""
-    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", "kSamplesAtOnce = 1 << 29", "kSamplesAtOnce = 5000"))
+def test_more_pixels_than_are_launched_at_once_and_words_that_are_looked_at_together(tmp_path) -> None:
+    """With limits of some views of these pictures and of a pixel, as 2^29 pixels, and 2^22, are too many for a test."""
+    of_large, at_once = "kPixelsOfLarge = 4 << 20", "kSamplesAtOnce = 1 << 29"
+    between = (cuda_on_cpu.CSRC / "cuda/shade.cu").read_text().partition(of_large)[2].partition(at_once)[0]
+    change = of_large + between + at_once, f"kPixelsOfLarge = 1{between}kSamplesAtOnce = 5000"
+    library = cuda_on_cpu.build(tmp_path / "build", ("shade.cu", *change))
     pictures = [picture_of(48, (33, 47), views=5, channels=4), picture_of(49, (16, 31), 7, samples=2), of_many_clipped(900)]
+    pictures += [picture_of(54, (60, 100), views=3), picture_of(55, (70, 97), views=3, made=False, channels=4)]
+    pictures.append(of_shared_vertices(56, (33, 47), 3))
     said = cuda_on_cpu.in_children([functools.partial(differences, library, [(p, drawn(p)) for p in pictures])])
     assert not said, said
 
@@ -221,13 +255,18 @@ def test_more_pixels_than_are_launched_at_once(tmp_path) -> None:
         ("shade_samples.cuh", "finish_behind(work, place.y,", "finish_behind(work, 0,", "shade, picture 7"),
         ("shade_left.cuh", "if (triangle >= 0 && !wanted) sample", "if (false) sample", "shade, picture 8"),
         ("shade_left.cuh", "mine |= is_left", "mine = is_left", "shade, picture 8"),
+        ("shade_begin.cuh", "work.flags + view * job.vertices", "work.flags", "picture 3"),
+        ("shade_begin.cuh", "(blockIdx.x * work.places + place)", "place", "picture 5"),
+        ("skin.cuh", "normal.value[c][0] * skin->look.facing", "normal.value[c][0]", "picture 5"),
+        ("weights.cuh", "view, triangle, nullptr, &t,", "0, triangle, nullptr, &t,", "picture 9"),
     ],
 )
 def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path) -> None:
     """Rows of the next view, more clipped triangles than there is memory for, its vertices, a picture's end; the background's
     channels, a triangle's last row of areas, those of one to be clipped, and all in a row but the first; areas and clearing as
     if a pixel were one sample, samples of another view, their background; of a pixel that is left, samples that are not, and
-    whether any is."""
+    whether any is; which vertices have to be clipped, where a triangle was, a face's light on the wrong side, and weights of
+    another view's triangle."""
     library = cuda_on_cpu.build(tmp_path / "build", (file, old, new))
     small = picture_of(47, (90, 33), views=3, made=False, count=2000)
     shared = of_shared_vertices(52, (33, 47), 3)
@@ -240,6 +279,7 @@ def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path
         list(of_parts())[-1],
         next(of_parts_of_samples()),
         list(of_many_clipped_samples())[1],
+        of_edges_on_centres(False),
     )
     wanted = [(p, drawn(p)) for p in pictures]
     assert said in cuda_on_cpu.in_children([functools.partial(differences, library, wanted)])
