@@ -268,8 +268,8 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   Rows r = take_rows(&scratch, f, v);
   BIGTRI_CUDA(sliver_bands(f, v.cache, &r.waiting.bands));
   int64_t blocks;
-  BIGTRI_CUDA(share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, r.ranges, r.waiting.claims(),
-                              &r.sharing, &blocks, stream));
+  BIGTRI_CUDA(
+      share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
   const Way way = way_of(r.sharing.each);
   if (way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));

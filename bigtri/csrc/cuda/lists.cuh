@@ -31,8 +31,7 @@ struct Waiting {
   __device__ uint64_t* common_count() const { return counts() + 1; }
   __device__ uint64_t* sliver_count() const { return counts() + 2; }
   __device__ uint64_t* counts() const { return reinterpret_cast<uint64_t*>(sizes - kCounts); }
-  uint32_t* claims() const { return sizes - 2; }  // of triangles (Sharing)
-  static constexpr int kCounts = 8;  // words
+  static constexpr int kCounts = 6;  // words
   Zeros zeros(int views) const { return {sizes - kCounts, (int64_t)bins * views + kCounts}; }
   __device__ __forceinline__ int64_t bin(int view, int x, int y) const {
     return (int64_t)view * bins + y * columns + x;

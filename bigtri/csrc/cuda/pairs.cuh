@@ -16,7 +16,7 @@ struct Pair {
 };
 
 struct PairQueue {
-  enum Counter { kRecordCount, kPairCount, kNextPair, kClaims, kCounters };
+  enum Counter { kRecordCount, kPairCount, kNextPair, kCounters };
 
   SetUp set_up;
   Record* records;
@@ -25,7 +25,6 @@ struct PairQueue {
   uint32_t record_room, pair_room;
 
   Zeros zeros() const { return Zeros::of(counters, kCounters); }
-  uint32_t* claims() const { return reinterpret_cast<uint32_t*>(counters + kClaims); }  // of triangles (Sharing)
 };
 
 // queue: records that may wait. search: as in BIGTRI_SEARCH_PARAMETER.

@@ -67,12 +67,11 @@ __device__ __forceinline__ bool may_show(const Viewport& view, const Vertex v[3]
   return box.x0 < box.x1 && box.y0 < box.y1;
 }
 
-// Tests triangles, 32 at a time, until 32 wait that may show or `end` is reached; behind(t) says where those behind the
-// ones at t begin, no farther than `end`. Returns how many a warp is to draw next: those from s->waiting on in the list,
-// taken from its end, so that none has to move. By all lanes; ends with a barrier of the warp.
-template <class Behind>
-__device__ __forceinline__ int find_waiting(const Frame& f, const Vertex* projected, int32_t end, Search* s,
-                                            const Behind& behind) {
+// Tests triangles, 32 at a time, which begin `step` from each other, until 32 wait that may show or `end` is reached.
+// Returns how many a warp is to draw next: those from s->waiting on in the list, taken from its end, so that none has to
+// move. By all lanes; ends with a barrier of the warp.
+__device__ __forceinline__ int find_waiting(const Frame& f, const Vertex* projected, int32_t step, int32_t end,
+                                            Search* s) {
   int32_t next = s->next, waiting = s->waiting;
   bool test = s->test;
   while (__any_sync(kAllLanes, waiting < kWarp && next < end)) {
@@ -86,7 +85,7 @@ __device__ __forceinline__ int find_waiting(const Frame& f, const Vertex* projec
     if (may) s->list[waiting + __popc(all & lanes_below())] = next + lane_id();
     waiting += __popc(all);
     test = __popc(all) < kMostlyShown;
-    next = behind(next);
+    next += min_of(step, end - next);
   }
   const int count = min_of(waiting, kWarp);
   __syncwarp();
@@ -136,8 +135,7 @@ __device__ __forceinline__ void begin_set_up(const SetUp& how, int32_t first, Se
 // which it is; *p: its primitive where it is to be drawn and may cover a pixel. By all lanes.
 __device__ __forceinline__ Fate set_up_next(const Frame& f, const SetUp& how, int32_t end, Search* s, int32_t* t,
                                             Primitive* p) {
-  const int count =
-      find_waiting(f, how.projected, end, s, [&](int32_t next) { return next + min_of(kWarp, end - next); });
+  const int count = find_waiting(f, how.projected, kWarp, end, s);
   const bool have = lane_id() < count;
   *t = s->list[s->waiting + (have ? lane_id() : 0)];
   __syncwarp();  // all have read the list

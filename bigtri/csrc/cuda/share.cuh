@@ -70,7 +70,6 @@ struct ShareShared {
 
   WarpShared warp[kWarps];
   Search search[kWay == Way::kTested ? kWarps : 1];
-  Share share[kWay == Way::kTested ? kWarps : 1];  // of the block, for each warp that goes through several rounds
   unsigned clip;  // bit k: triangle k of a share that is drawn together has to be clipped
   int row_counts[kWarps];  // triangles drawn by rows: together of warp 0; even of each warp that leaves rows to all
   int next_row[kWarps];  // the first of these rows
@@ -102,8 +101,6 @@ __device__ __forceinline__ void make_corners(const Frame& f, int64_t first_verte
   corners[c] = {0, 0, 0.0f, kNonFinite};
   if (index >= 0 && index < f.vertices) corners[c] = load_and_project(f, first_vertex + index);
 }
-
-__device__ __forceinline__ int64_t first_vertex_of(const Frame& f, int32_t view) { return view * (f.view_stride / 4); }
 
 // How many triangles are drawn by rows, and how many are not.
 struct Filed {
@@ -184,27 +181,23 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   const int warp = computed_here((int)(threadIdx.x / kWarp));
   WarpShared* const s = &shared->warp[warp];
   Search* const search = &shared->search[kWay == Way::kTested ? warp : 0];
-  Share share = share_of<kWay>(f, sharing);
+  const Share share = share_of<kWay>(f, sharing);
   if ((!kTogether && projected) || share.count <= 0) wait_for_previous();
   if (share.count <= 0) return;
+  const int64_t first_vertex = share.view * (f.view_stride / 4);
+  const FramePixel pixels = first_pixel(f, share.view);
+  const Vertex* const own_projected = projected ? projected + first_vertex : nullptr;  // of the view
+  // Tested: where this warp's triangles begin, and where the block's end.
+  const int32_t begin = share.first + min_of(warp * kWarp, share.count), end = share.first + share.count;
   if (kTogether) {
     // Each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of warp 0
     // is where the triangles end up.
-    make_corners(f, first_vertex_of(f, share.view), share.first, share.step, share.count, shared->warp[1].corners);
+    make_corners(f, first_vertex, share.first, share.step, share.count, shared->warp[1].corners);
     __syncthreads();
   }
-  if (kWay == Way::kTested) {
-    if (lane_id() == 0) shared->share[warp] = share;
-    search->begin(share.first + min_of(warp * kWarp, share.count), true);
-  }
+  if (kWay == Way::kTested) search->begin(begin, true);
 #pragma unroll 1
   do {
-    // What a round needs it reads anew, so that no register holds it while triangles are drawn: two pixels at a time take
-    // all that there are.
-    if (kWay == Way::kTested) share = reread_share(shared->share[warp]);
-    const int64_t first_vertex = first_vertex_of(f, share.view);
-    const FramePixel pixels = first_pixel(f, share.view);
-    const Vertex* const own_projected = projected ? projected + first_vertex : nullptr;  // of the view
     int32_t t = share.first + lane_id() * share.step;
     int count = warp == 0 ? share.count : 0;
     if (kWay == Way::kEven || kWay == Way::kApart) {
@@ -214,8 +207,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       count = __popc(__ballot_sync(kAllLanes, offset < share.count));
     }
     if (kWay == Way::kTested) {
-      count = find_waiting(f, own_projected, share.first + share.count, search,
-                           [&](int32_t next) { return group_behind(f, sharing, share, next); });
+      count = find_waiting(f, own_projected, share.step, end, search);
       t = search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))];
     }
     Filed filed = {0, 0};
@@ -247,8 +239,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
         if (have && !small) s->left[__popc(left & lanes_below())].put(p, t);
         count_work(f, Counter::records, small);
         count_work(f, Counter::by_rows, small);
-        draw_small<kWay == Way::kTested ? 2 : 1>(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small,
-                                                 &s->small);
+        draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
         if (left) filed = file_left(f, share.view, __popc(left), widest, s);
       } else if (__any_sync(kAllLanes, have)) {
         filed = file(f, p, f.first_triangle + t, share.view, have, widest, s);
@@ -288,9 +279,9 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       all_draw = false;
     }
     __syncwarp();
-  } while (kWay == Way::kTested && search->goes_on(reread_end(shared->share[warp])));
+  } while (kWay == Way::kTested && search->goes_on(end));
   if constexpr (kLeaves)
-    if (__syncthreads_or(shared->row_counts[warp])) draw_left(first_pixel(f, share.view), f.view.width, warp, shared);
+    if (__syncthreads_or(shared->row_counts[warp])) draw_left(pixels, f.view.width, warp, shared);
   wait_for_previous();
 }
 

@@ -181,34 +181,20 @@ __device__ __forceinline__ float depth_in_box(const PairBox& box, uint32_t x, ui
   return clamp_depth(plane, box.zmin, box.zmax);
 }
 
-// Draws the pixels listed, a lane kAtOnce at a time. Where that is one, the compiler lets two go side by side, which is
-// faster than two here; but it does not within a loop that goes on with other triangles.
-template <int kAtOnce>
+// Draws the pixels listed, a lane one at a time.
 __device__ __forceinline__ void draw_listed(FramePixel pixels, int width, int count, int lane, const SmallShared* s) {
-#pragma unroll(2 / kAtOnce)
-  for (int i = lane; i < count; i += kAtOnce * kWarp) {
-    int64_t packed[kAtOnce];
-    FramePixel place[kAtOnce];
-#pragma unroll
-    for (int k = 0; k < kAtOnce; ++k) {
-      const int pixel = s->pixels[k > 0 && i + k * kWarp >= count ? i : i + k * kWarp];
-      const SmallShared::Box& box = s->box[pixel >> 6];
-      const uint32_t x = pixel & 7, y = pixel >> 3 & 7;
-      packed[k] = pack_depth(depth_in_box(box, x, y), box.triangle);
-      place[k] = frame_pixel(pixels, box.corner + (y * (uint32_t)width + x));
-    }
-#pragma unroll
-    for (int k = 0; k < kAtOnce; ++k) {
-      if (k > 0 && i + k * kWarp >= count) break;
-      if constexpr (kCounts) count_fragment(place[k]);
-      keep_nearest(place[k], packed[k], false);
-    }
+  for (int i = lane; i < count; i += kWarp) {
+    const int pixel = s->pixels[i];
+    const SmallShared::Box& box = s->box[pixel >> 6];
+    const uint32_t x = pixel & 7, y = pixel >> 3 & 7;
+    const int64_t packed = pack_depth(depth_in_box(box, x, y), box.triangle);
+    if constexpr (kCounts) count_fragment(frame_pixel(pixels, box.corner + (y * (uint32_t)width + x)));
+    keep_nearest(frame_pixel(pixels, box.corner + (y * (uint32_t)width + x)), packed, false);
   }
 }
 
 // Draws the lanes' small primitives onto a view of this width that the kernels in front have cleared; have: whether
-// this lane has one; kAtOnce: as draw_listed has it. By all lanes.
-template <int kAtOnce>
+// this lane has one. By all lanes.
 __device__ __forceinline__ void draw_small(FramePixel pixels, int width, const Primitive& p, uint32_t triangle,
                                            bool have, SmallShared* s) {
   const int lane = computed_here(lane_id());
@@ -224,7 +210,7 @@ __device__ __forceinline__ void draw_small(FramePixel pixels, int width, const P
     const int part_end = __shfl_sync(kAllLanes, end, first + lanes - 1);
     if (lane >= first && lane < first + lanes) list_pixels(upper, lower, lane, s->pixels + end - count - listed);
     __syncwarp();
-    draw_listed<kAtOnce>(pixels, width, part_end - listed, lane, s);
+    draw_listed(pixels, width, part_end - listed, lane, s);
     listed = part_end;
     __syncwarp();
   }

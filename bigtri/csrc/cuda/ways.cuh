@@ -40,15 +40,10 @@ struct Sharing {
   int own_pixels;  // even: of the bboxes of those that a warp draws by rows alone; it leaves what comes after
   int log_neighbours;  // even and apart: log2 of how many of them lie next to each other in the list
   uint32_t blocks;  // of a view, if all draw the same triangles
-  // Tested, of the only view: all blocks, which the device holds at once, take so many triangles in turns, and then claim
-  // what is left, since some warps are faster. 0: each block has `each` of its own.
-  int32_t in_turns;
-  uint32_t* claims;  // [1], zero at first
+  bool in_turns;  // tested: all blocks, which the device holds at once, take triangles of the only view in turns
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
 
-// Pixels of an image that is huge.
-constexpr int64_t kHugeImage = 1 << 22;
 // Pixels of the image, or of all views, for each triangle: up to the first number most triangles cover none, from the
 // second on some may be large, from the third on many, from the fourth on most.
 constexpr double kTinyPixels = 0.8, kSmallPixels = 16, kMiddlePixels = 64, kLargePixels = 1 << 14;
@@ -79,10 +74,6 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
                                   : pixels > kTinyPixels && total <= resident * kOfEven * kTurns;
     return even ? kOfEven : kOfApart;
   }
-  // One turn of 32 is as long as two of 16, but for large images, where a block with large triangles is long behind the
-  // others.
-  const bool huge = (int64_t)f.view.width * f.view.height > kHugeImage;
-  if (huge && total <= resident * kWarp && total > resident * kWarp / 2) return kWarp / 2;
   int each = 4;
   while (each < kWarp && total > resident * each) each *= 2;
   return each;
@@ -102,7 +93,7 @@ static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 // Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones. Nor do
 // the blocks of a few triangles, where most of the device has nothing to do. Where an image has many pixels, what waits
 // for blocks that own them takes long to begin.
-constexpr int64_t kFewTriangles = 256;
+constexpr int64_t kFewTriangles = 256, kHugeImage = 1 << 22;  // px
 inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
@@ -115,23 +106,21 @@ inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
 inline int own_pixels(const Frame& f) { return (int64_t)f.view.width * f.view.height > kHugeImage ? 4096 : 2048; }
 
 // Shares triangles among blocks. each: triangles of a block as the caller wants, or 0. ranges: memory for the views'
-// ranges, or null. claims: a zero, once the kernel before has ended. kernel: that of kEven.
+// ranges, or null. kernel: that of kEven.
 template <class Kernel>
-cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64_t each, ViewRange* ranges,
-                            uint32_t* claims, Sharing* s, int64_t* blocks, cudaStream_t stream) {
+cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64_t each, ViewRange* ranges, Sharing* s,
+                            int64_t* blocks, cudaStream_t stream) {
   int resident;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), block_threads(Way::kEven), 0, &resident));
   s->each = each > 0 ? (int)each : share_size(f, resident, projected);
   s->log_neighbours = log_neighbours(f, way_of(s->each), resident);
   s->own_pixels = own_pixels(f);
-  s->claims = claims;
-  s->in_turns = 0;
-  s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
-  if (way_of(s->each) == Way::kTested && f.views == 1 && !ranges) {
+  s->in_turns = way_of(s->each) == Way::kTested && f.views == 1 && !ranges;
+  if (s->in_turns) {  // places for kEven's blocks are as many warps for these
     const int64_t held = (int64_t)resident * block_warps(Way::kEven) / block_warps(Way::kTested);
     s->blocks = (uint32_t)min_of(held, grid_blocks(f.count, block_threads(Way::kTested)));
-    const int64_t turn = (int64_t)s->blocks * block_threads(Way::kTested), turns = f.count / turn;
-    s->in_turns = (int32_t)min_of<int64_t>(f.count, max_of<int64_t>(1, turns * 7 / 8) * turn);
+  } else {
+    s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
   }
   s->ranges = ranges;
   *blocks = (int64_t)s->blocks * f.views;
@@ -162,11 +151,6 @@ cudaError_t with_way(Way way, const Launch& launch) {
 struct Share {
   int32_t view, first, step, count;
 };
-// One in shared memory, read again.
-__device__ __forceinline__ Share reread_share(const Share& s) {
-  return {reread(s.view), reread(s.first), reread(s.step), reread(s.count)};
-}
-__device__ __forceinline__ int32_t reread_end(const Share& s) { return reread(s.first) + reread(s.count); }
 
 // The last view whose first block is not behind this one. By all lanes, 32 views at a time.
 __device__ __forceinline__ int32_t view_of_block(const ViewRange* ranges, int32_t views, uint32_t block) {
@@ -179,20 +163,6 @@ __device__ __forceinline__ int32_t view_of_block(const ViewRange* ranges, int32_
     view += (__popc(begun) - 1) * stride;
   }
   return view;
-}
-
-// Tested: where the 32 triangles behind those at `next` begin, no farther than where the share ends. By all lanes.
-constexpr int kClaimed = 2 * kWarp;  // triangles: fewer make more claims than one place in memory serves in time
-__device__ __forceinline__ int32_t group_behind(const Frame& f, const Sharing& s, const Share& share, int32_t next) {
-  const int32_t end = share.first + share.count;
-  if (s.in_turns == 0) return next + min_of(share.step, end - next);
-  if (next < s.in_turns && share.step < s.in_turns - next) return next + share.step;
-  if (next >= s.in_turns && (next - s.in_turns) % kClaimed + kWarp < kClaimed) return next + min_of(kWarp, end - next);
-  uint32_t claim = 0;
-  if (lane_id() == 0) claim = atomicAdd(s.claims, 1u);
-  count_work(f, Counter::atomics, lane_id() == 0);
-  claim = __shfl_sync(kAllLanes, claim, 0);
-  return (int32_t)min_of<int64_t>(s.in_turns + (int64_t)claim * kClaimed, end);
 }
 
 // By all threads.
