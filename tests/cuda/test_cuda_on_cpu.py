@@ -16,7 +16,7 @@ import cuda_on_cpu
 import numpy as np
 import pytest
 import torch
-from cases import CASES, Case, soup
+from cases import CASES, Case, random_corners, soup
 from cuda_bits import CONSTRUCTIONS, EVERY, PATHS, VALUES, that_differ, values_of
 from cuda_on_cpu import TOGETHER, VARIANTS, Job
 from exhaustive import exhaustive
@@ -169,6 +169,18 @@ def test_every_setting_is_tried() -> None:
                     assert {row[field] for row in there} == set(values), (variant, way, field)
     for p in known:
         assert {way[p.name] for way in WAYS if p.name in way} <= {*values_of(p)}, p.name
+
+
+@pytest.mark.parametrize("variant", ["bin_owned", "two_stage"])
+def test_triangles_in_turns(variant: str) -> None:
+    """As many as all blocks take in a turn, 512 here, one more, and less; several turns, of which the last is not full. All are
+    drawn, and each that is dropped is counted once."""
+    rng = np.random.default_rng(11)
+    corners = random_corners(rng, 2657, 0.9)
+    corners[:, 1:] = corners[:, :1] + rng.normal(0, 0.05, (len(corners), 2, 4)) * [1, 1, 0, 0]
+    corners[::37, 1, 2] = np.nan
+    cases = (soup(corners[:count], (70, 90)) for count in (1, 127, 512, 513, 1600, 2657))
+    assert_right([job(case, variant, PATHS["tested"]) for case in cases])
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
