@@ -105,7 +105,7 @@ __device__ __forceinline__ void look_at_triangles(const Shading& job, const Work
 }
 
 // Looks at triangles whose vertices begin_frame has projected.
-__global__ void __launch_bounds__(kBeginThreads, 8)
+__global__ void __launch_bounds__(kBeginThreads, 4)
     find_clipped(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   wait_for_previous();
   look_at_triangles<false>(job, work);
@@ -127,7 +127,7 @@ __global__ void __launch_bounds__(kBeginThreads, 2)
 
 // The first blocks have triangles, if find_clipped does not look at them, some vertices, the others tables.
 template <bool kPrepared>
-__global__ void __launch_bounds__(kBeginThreads, kPrepared ? 2 : 6)
+__global__ void __launch_bounds__(kBeginThreads, kPrepared ? 2 : 4)
     begin_frame(const __grid_constant__ Shading job, const __grid_constant__ Work work,
                 const __grid_constant__ Thresholds thresholds, const __grid_constant__ SomeTextures textures,
                 unsigned triangle_blocks, unsigned vertex_blocks) {
