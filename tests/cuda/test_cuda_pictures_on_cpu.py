@@ -7,11 +7,13 @@ import ctypes
 import functools
 import itertools
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import cuda_on_cpu
 import numpy as np
 import pytest
 import torch
+from exhaustive import exhaustive
 from picture_cases import (
     Drawn,
     Picture,
@@ -238,6 +240,11 @@ def test_more_pixels_than_are_launched_at_once_and_words_that_are_looked_at_toge
     assert not said, said
 
 
+def also(*row: str) -> Any:
+    """A row that every other run leaves out; each takes as long as it takes to compile the kernels."""
+    return pytest.param(*row, marks=exhaustive)
+
+
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [
@@ -245,20 +252,22 @@ def test_more_pixels_than_are_launched_at_once_and_words_that_are_looked_at_toge
         ("shade_begin.cuh", "return kNoPlace;", "return 0;", "picture 2"),
         ("shade_pixels.cuh", "work.projected + at.view * job.vertices", "work.projected", "picture 3"),
         ("shade_pixels.cuh", "if (pixels >= kWarp && ((uintptr_t)bytes & 3) == 0) {", "if (true) {", "access beyond memory"),
-        ("shade_begin.cuh", "(shift + 8 * k) % 24", "shift % 24", "alone, picture 4"),
+        also("shade_begin.cuh", "(shift + 8 * k) % 24", "shift % 24", "alone, picture 4"),
         ("clear.cu", "row_of(box.y1 - 1) - top + 1}", "row_of(box.y1 - 1) - top}", "alone, picture 4"),
-        ("clear.cu", "PixelBox box = {0, 0, f.view.width, f.view.height};", "PixelBox box = {0, 0, 1, 1};", "alone, picture 6"),
-        ("clear.cu", "kAll << (8 * max_of(left, 0))", "kAll << 8 << (8 * max_of(left, 0))", "alone, picture 6"),
-        ("clear.cu", "samples.quotient((uint32_t)x) / kAreaWidth", "x / kAreaWidth", "alone, picture 7"),
+        also(
+            "clear.cu", "PixelBox box = {0, 0, f.view.width, f.view.height};", "PixelBox box = {0, 0, 1, 1};", "alone, picture 6"
+        ),
+        also("clear.cu", "kAll << (8 * max_of(left, 0))", "kAll << 8 << (8 * max_of(left, 0))", "alone, picture 6"),
+        also("clear.cu", "samples.quotient((uint32_t)x) / kAreaWidth", "x / kAreaWidth", "alone, picture 7"),
         ("clear.cu", "kAreaHeight * f.area_samples", "kAreaHeight", "alone, picture 7"),
         ("shade_samples.cuh", "(sample.view * job.height + sample.y)", "sample.y", "shade, picture 7"),
-        ("shade_samples.cuh", "finish_behind(work, place.y,", "finish_behind(work, 0,", "shade, picture 7"),
-        ("shade_left.cuh", "if (triangle >= 0 && !wanted) sample", "if (false) sample", "shade, picture 8"),
+        also("shade_samples.cuh", "finish_behind(work, place.y,", "finish_behind(work, 0,", "shade, picture 7"),
+        also("shade_left.cuh", "if (triangle >= 0 && !wanted) sample", "if (false) sample", "shade, picture 8"),
         ("shade_left.cuh", "mine |= is_left", "mine = is_left", "shade, picture 8"),
         ("shade_begin.cuh", "work.flags + view * job.vertices", "work.flags", "picture 3"),
-        ("shade_begin.cuh", "(blockIdx.x * work.places + place)", "place", "picture 5"),
-        ("skin.cuh", "normal.value[c][0] * skin->look.facing", "normal.value[c][0]", "picture 5"),
-        ("weights.cuh", "view, triangle, nullptr, &t,", "0, triangle, nullptr, &t,", "picture 9"),
+        also("shade_begin.cuh", "(blockIdx.x * work.places + place)", "place", "picture 5"),
+        also("skin.cuh", "normal.value[c][0] * skin->look.facing", "normal.value[c][0]", "picture 5"),
+        also("weights.cuh", "view, triangle, nullptr, &t,", "0, triangle, nullptr, &t,", "picture 9"),
     ],
 )
 def test_what_is_broken_shows(file: str, old: str, new: str, said: str, tmp_path) -> None:
