@@ -36,7 +36,7 @@ constexpr Way way_of(int64_t each) {
 }
 
 struct Sharing {
-  int each;  // triangles of a block
+  int each;  // triangles of a block, if not in turns
   int own_pixels;  // even: of the bboxes of those that a warp draws by rows alone; it leaves what comes after
   int log_neighbours;  // even and apart: log2 of how many of them lie next to each other in the list
   uint32_t blocks;  // of a view, if all draw the same triangles
