@@ -64,25 +64,29 @@ switch_stack:
 namespace {
 
 constexpr int kWarp = 32, kMostThreads = 1024, kProcessors = 2;
-constexpr size_t kStackBytes = 256 << 10, kPage = 4096;
-
-enum class State { kReady, kAtWarp, kAtBlock, kDone };
+constexpr size_t kStackBytes = (256 << 10) + 4096 + 320, kPage = 4096;
 
 struct Thread {
-  char* stack = nullptr;
-  void* at = nullptr;
-  State state = State::kDone;
-  uint64_t value = 0;
+  void* at = nullptr;  // where its stack was left
   const char* file = nullptr;
   int line = 0;
   int meetings = 0;  // of its warp
 };
 
+// A bit for each lane says what it does. The lines are those of the first lane that waits.
+struct Warp {
+  uint32_t lanes, ready, at_warp, done;
+  int line, stray;  // a lane that meets elsewhere, or -1
+  // What the lanes brought, last time and the time before: a lane may be one meeting ahead of another.
+  uint64_t values[2][kWarp];
+  uint32_t votes[2];  // which of these are not 0
+};
+
 Thread threads[kMostThreads];
-uint64_t met
-    [kMostThreads / kWarp][2]
-    [kWarp];  // what a warp's lanes brought, last time and the time before: a lane may be one meeting ahead of another
-int sum, current;
+Warp warps[kMostThreads / kWarp];
+int current, at_block, done, block_line, stray_thread, sum, next_sum;
+uint32_t to_run;  // lanes of the warp that runs whose turn is still to come
+bool from_last;  // whether the last of them is the next
 // Of threads between barriers: the first one first, the last one first, or in turns, each to the next barrier of its
 // warp or block; or a warp as far as it gets before the next one runs, the first or the last warp first. What depends
 // on it lacks a barrier.
@@ -117,120 +121,135 @@ void handle_faults() {
   }
 }
 
+// Leaves a thread's stack for that of the next lane of its warp, or for the scheduler's after the last one.
+void leave(void** left) {
+  if (!to_run) return switch_stack(left, scheduler);
+  const int lane = from_last ? 31 - __builtin_clz(to_run) : __builtin_ctz(to_run);
+  to_run &= ~(1u << lane);
+  current = current / kWarp * kWarp + lane;
+  threadIdx.x = (unsigned)current;
+  switch_stack(left, threads[current].at);
+}
+
 void thread_main() {
   (*body)();
-  threads[current].state = State::kDone;
+  warps[current / kWarp].done |= 1u << current % kWarp;
+  ++done;
   void* left;
-  switch_stack(&left, scheduler);
+  leave(&left);
   abort();
 }
 
-void wait(State state, uint64_t value, const char* file, int line) {
+void wait(const char* file, int line) {
   Thread& t = threads[current];
-  t.state = state;
-  t.value = value;
   t.file = file;
   t.line = line;
-  switch_stack(&t.at, scheduler);
+  leave(&t.at);
 }
 
-void start(Thread* t) {
-  if (!t->stack)
-    t->stack =
-        static_cast<char*>(mmap(nullptr, kStackBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
-  void** top = reinterpret_cast<void**>(t->stack + kStackBytes - 64);
+void start(int thread) {
+  // The stacks' ends lie in different sets of the caches, of addresses and of memory: threads take turns.
+  constexpr size_t kStride = kStackBytes + kPage + 320;
+  static char* const stacks = static_cast<char*>(mmap(nullptr, kMostThreads * kStride, PROT_READ | PROT_WRITE,
+                                                      MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0));
+  void** top = reinterpret_cast<void**>(stacks + thread * kStride + kStackBytes);
   *--top = nullptr;
   *--top = reinterpret_cast<void*>(thread_main);
   for (int saved = 0; saved < 6; ++saved) *--top = nullptr;
-  t->at = top;
-  t->state = State::kReady;
-  t->file = nullptr;
-  t->meetings = 0;
+  threads[thread] = {top};
 }
 
 // Lets the lanes of a warp go on if all have come to the same place; false if they have not.
-bool release_warp(int first, int lanes) {
-  int waiting = 0;
-  for (int i = first; i < first + lanes; ++i) waiting += threads[i].state == State::kAtWarp;
-  if (waiting == 0) return false;
-  for (int i = first; i < first + lanes; ++i) {
-    if (threads[i].state == State::kDone) fail("a lane has ended where its warp meets", i);
-    if (threads[i].state != State::kAtWarp) return false;
-    if (threads[i].line != threads[first].line) fail("lanes meet at different places", i);
-  }
-  uint64_t* values = met[first / kWarp][(threads[first].meetings - 1) & 1];
-  for (int i = 0; i < kWarp; ++i) values[i] = i < lanes ? threads[first + i].value : 0;
-  for (int i = first; i < first + lanes; ++i) threads[i].state = State::kReady;
+bool release_warp(int warp) {
+  Warp& w = warps[warp];
+  if (!w.at_warp) return false;
+  if (w.done) fail("a lane has ended where its warp meets", warp * kWarp + __builtin_ctz(w.done));
+  if (w.at_warp != w.lanes) return false;
+  if (w.stray >= 0) fail("lanes meet at different places", w.stray);
+  w.votes[threads[warp * kWarp].meetings & 1] = 0;  // all have read those of the meeting before
+  w.at_warp = 0;
+  w.ready = w.lanes;
   return true;
 }
 
 bool release_block(int count) {
-  for (int i = 0; i < count; ++i)
-    if (threads[i].state != State::kAtBlock) return false;
-  sum = 0;
-  for (int i = 0; i < count; ++i) {
-    if (threads[i].line != threads[0].line) fail("threads meet at different barriers", i);
-    sum += (int)threads[i].value;
-    threads[i].state = State::kReady;
-  }
+  if (at_block != count) return false;
+  if (stray_thread >= 0) fail("threads meet at different barriers", stray_thread);
+  sum = next_sum;
+  at_block = next_sum = 0;
+  for (int warp = 0; warp * kWarp < count; ++warp) warps[warp].ready = warps[warp].lanes;
   return true;
 }
 
-// Runs those of the threads that are ready, each to its next barrier; whether there were any.
-bool run_threads(int first, int count, bool backward) {
-  bool moved = false;
-  for (int n = 0; n < count; ++n) {
-    const int i = first + (backward ? count - 1 - n : n);
-    if (threads[i].state != State::kReady) continue;
-    moved = true;
-    current = i;
-    threadIdx = {(unsigned)i, 0, 0};
-    switch_stack(&scheduler, threads[i].at);
-  }
-  return moved;
+// Runs those of a warp's threads that are ready, each to its next barrier; whether there were any.
+bool run_warp(int warp, bool backward) {
+  if (!warps[warp].ready) return false;
+  to_run = warps[warp].ready;
+  warps[warp].ready = 0;
+  from_last = backward;
+  current = warp * kWarp;
+  leave(&scheduler);
+  return true;
 }
 
 void run_block(int count) {
-  const int warps = (count + kWarp - 1) / kWarp;
-  const auto lanes = [&](int warp) { return warp == warps - 1 ? count - warp * kWarp : kWarp; };
-  for (int i = 0; i < count; ++i) start(&threads[i]);
+  const int used = (count + kWarp - 1) / kWarp;
+  for (int i = 0; i < count; ++i) start(i);
+  for (int warp = 0; warp < used; ++warp) {
+    warps[warp] = {};
+    warps[warp].lanes = warps[warp].ready = ~0u >> (warp == used - 1 ? used * kWarp - count : 0);
+  }
+  at_block = done = next_sum = 0;
   for (int pass = 0;; ++pass) {
     bool moved = false;
-    if (order == kWarpForward || order == kWarpBackward) {
-      for (int n = 0; n < warps; ++n) {
-        const int warp = order == kWarpBackward ? warps - 1 - n : n;
-        do moved = run_threads(warp * kWarp, lanes(warp), false) || moved;
-        while (release_warp(warp * kWarp, lanes(warp)));
+    const bool backward = order == kBackward || (order == kInTurns && pass % 2 == 1);
+    for (int n = 0; n < used; ++n) {
+      const int warp = backward || order == kWarpBackward ? used - 1 - n : n;
+      if (order == kWarpForward || order == kWarpBackward) {
+        do moved = run_warp(warp, false) || moved;
+        while (release_warp(warp));
+      } else {
+        moved = run_warp(warp, backward) || moved;
       }
-    } else {
-      moved = run_threads(0, count, order == kBackward || (order == kInTurns && pass % 2 == 1));
-      for (int warp = 0; warp < warps; ++warp) moved = release_warp(warp * kWarp, lanes(warp)) || moved;
     }
-    int done = 0;
-    for (int i = 0; i < count; ++i) done += threads[i].state == State::kDone;
+    if (order != kWarpForward && order != kWarpBackward)
+      for (int warp = 0; warp < used; ++warp) moved = release_warp(warp) || moved;
     if (done == count) return;
     if (!release_block(count) && !moved) fail("not all threads reach a barrier", 0);
   }
 }
 
-// Memory that ends where it may not be touched.
+// Memory that ends where it may not be touched. What was given back last comes first, so that frames of a size have the
+// same addresses; and new pages would cost more than to fill old ones.
 class Memory {
  public:
   Memory(size_t bytes, int fill) : bytes_((bytes + 15) / 16 * 16), pages_((bytes_ + kPage - 1) / kPage * kPage) {
-    base_ = static_cast<char*>(
-        mmap(nullptr, pages_ + 2 * kPage, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
-    mprotect(base_, kPage, PROT_NONE);
-    mprotect(base_ + kPage + pages_, kPage, PROT_NONE);
+    if (const auto after = left_.upper_bound(pages_); after != left_.begin() && std::prev(after)->first == pages_) {
+      base_ = left_.extract(std::prev(after)).mapped();
+    } else {
+      base_ = static_cast<char*>(
+          mmap(nullptr, pages_ + 2 * kPage, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
+      mprotect(base_, kPage, PROT_NONE);
+      mprotect(base_ + kPage + pages_, kPage, PROT_NONE);
+    }
     memset(base_ + kPage, fill, pages_);
   }
   Memory(const Memory&) = delete;
-  ~Memory() { munmap(base_, pages_ + 2 * kPage); }
+  ~Memory() {
+    left_.emplace(pages_, base_);
+    if (left_.size() <= kMostLeft) return;
+    const auto largest = std::prev(left_.end());
+    munmap(largest->second, largest->first + 2 * kPage);
+    left_.erase(largest);
+  }
   template <class T>
   T* of() const {
     return reinterpret_cast<T*>(base_ + kPage + pages_ - bytes_);
   }
 
  private:
+  static constexpr size_t kMostLeft = 16;
+  static inline std::multimap<size_t, char*> left_;
   size_t bytes_, pages_;
   char* base_;
 };
@@ -267,14 +286,34 @@ int sample_values(const Code* texture, const float* uv, const int64_t* sizes, fl
 
 }  // namespace
 
+// Waits until the whole warp has come, with the value of each lane; which of its last two meetings it was.
+static int meet(uint64_t value, const char* file, int line) {
+  Warp& w = warps[current / kWarp];
+  const int lane = current % kWarp, meeting = threads[current].meetings++ & 1;
+  if (!w.at_warp) w.line = line, w.stray = -1;
+  if (w.line != line) w.stray = current;
+  w.at_warp |= 1u << lane;
+  w.values[meeting][lane] = value;
+  w.votes[meeting] |= (value != 0 ? 1u : 0u) << lane;
+  wait(file, line);
+  return meeting;
+}
+
 const uint64_t* warp_values(uint64_t value, const char* file, int line) {
-  const int me = current, meeting = threads[me].meetings++ & 1;
-  wait(State::kAtWarp, value, file, line);
-  return met[me / kWarp][meeting];
+  const Warp& w = warps[current / kWarp];
+  return w.values[meet(value, file, line)];
+}
+
+unsigned warp_votes(bool value, const char* file, int line) {
+  const Warp& w = warps[current / kWarp];
+  return w.votes[meet(value, file, line)];
 }
 
 int block_sum(int value, const char* file, int line) {
-  wait(State::kAtBlock, (uint64_t)value, file, line);
+  if (at_block++ == 0) block_line = line, stray_thread = -1;
+  if (block_line != line) stray_thread = current;
+  next_sum += value;
+  wait(file, line);
   return sum;
 }
 

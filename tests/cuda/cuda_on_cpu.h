@@ -31,6 +31,8 @@ void run_grid(dim3 grid, dim3 block, size_t shared_bytes, const std::function<vo
 
 // All lanes of the warp have to come here before one goes on: the values that they brought.
 const uint64_t* warp_values(uint64_t value, const char* file, int line);
+// The same for a bit of each.
+unsigned warp_votes(bool value, const char* file, int line);
 // The same for the threads of the block: the sum of what they brought.
 int block_sum(int value, const char* file, int line);
 
@@ -51,16 +53,10 @@ template <class T>
 T value_of_lane(T v, unsigned lane, const char* file, int line) {
   return from_bits<T>(warp_values(to_bits(v), file, line)[lane & 31]);
 }
-inline unsigned ballot(bool v, const char* file, int line) {
-  const uint64_t* of_lane = warp_values(v, file, line);
-  unsigned bits = 0;
-  for (int i = 0; i < 32; ++i) bits |= (of_lane[i] ? 1u : 0u) << i;
-  return bits;
-}
 
 #define __syncwarp() ((void)warp_values(0, __FILE__, __LINE__))
-#define __ballot_sync(mask, v) ballot((v), __FILE__, __LINE__)
-#define __any_sync(mask, v) (ballot((v), __FILE__, __LINE__) != 0)
+#define __ballot_sync(mask, v) warp_votes((v), __FILE__, __LINE__)
+#define __any_sync(mask, v) (warp_votes((v), __FILE__, __LINE__) != 0)
 #define __shfl_sync(mask, v, lane) value_of_lane((v), (unsigned)(lane), __FILE__, __LINE__)
 #define __shfl_xor_sync(mask, v, step) value_of_lane((v), threadIdx.x ^ (unsigned)(step), __FILE__, __LINE__)
 #define __shfl_down_sync(mask, v, step)                                                                         \

@@ -40,7 +40,7 @@ VARIANTS = VARIANTS_OF["exact"]
 DRAWN_AS_EXACT = re.findall(r"struct (\w+) : drawn_as_exact", (CSRC / "core/precision.h").read_text())
 TOGETHER = ("persistent",)  # their blocks wait for each other, but here one runs after the other: so there is only one
 CULLS = {"none": 0, "back": 1, "front": 2}
-COMPILER = ("c++", "-std=c++17", "-w", "-fPIC", "-ffp-contract=off")
+COMPILER = ("c++", "-std=c++17", "-w", "-fPIC", "-ffp-contract=off", "-mpopcnt")
 
 # What a host compiler has no words for, and what there is instead: everything else is in cuda_on_cpu.h.
 CHANGES = (
