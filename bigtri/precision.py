@@ -7,6 +7,7 @@ equal.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 # What each axis can be, the default first.
 COVERAGES = {
@@ -99,22 +100,22 @@ class Arithmetic:
     name: str  # the rung's, or what the precision is where it is none
     precision: Precision
 
-    @property
+    @cached_property
     def subpixel_bits(self) -> int:
         """4, 8, 12 or 16."""
         return _SUBPIXEL_BITS.get(self.precision.coverage, 8)
 
-    @property
+    @cached_property
     def subpixel(self) -> int:
         """Subpx per px."""
         return 1 << self.subpixel_bits
 
-    @property
+    @cached_property
     def half(self) -> int:
         """How far a pixel's centre lies from its left and upper borders, subpx."""
         return self.subpixel // 2
 
-    @property
+    @cached_property
     def guard(self) -> int:
         """Snapped coordinates lie in [-guard, guard - 1] subpx: 2^15 px to either side of the upper left corner, or 2^14 px.
 

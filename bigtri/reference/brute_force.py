@@ -15,6 +15,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import lru_cache
 from math import frexp, inf, isfinite, lcm, ldexp
 from typing import Any, NamedTuple
 
@@ -26,6 +27,7 @@ from .float_mode import default_float_mode
 
 Vector = tuple[float, ...]
 Point = tuple[int, int]
+Corners = tuple[Point, Point, Point]
 Plane = tuple[tuple[int, float], tuple[int, float]]  # two (component of a position, coefficient)
 NOTHING = 0x7FFF_FFFF_FFFF_FFFF  # the packed value of the background
 
@@ -34,7 +36,7 @@ class Record(NamedTuple):
     """One oriented (sub)triangle; the fields are those of ``Records``."""
 
     triangle: int
-    xy: tuple[Point, Point, Point]  # subpx, the rung's sub-pixel unit
+    xy: Corners  # subpx, the rung's sub-pixel unit
     z: Vector  # 3 window depths, float32 values
     area: int
     bbox: tuple[int, int, int, int]  # px
@@ -397,13 +399,17 @@ def coverage(record: Record, height: int, width: int, arithmetic: Arithmetic = E
 
 def exact_depth(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> Fraction:
     """The depth of the plane through the snapped vertices at the centre of pixel (px, py)."""
-    values = _edge_values(record, px, py, arithmetic)
+    values = _edge_values(record.xy, px, py, arithmetic)
     return Fraction(sum(e * Fraction(z) for e, z in zip(values, record.z, strict=True))) / record.area
 
 
 @default_float_mode
 def depth(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> float:
     """The float32 that docs/numerics.md sections 7 and 13 store for pixel (px, py), one operation after the other."""
+    return _depth(record, px, py, arithmetic)
+
+
+def _depth(record: Record, px: int, py: int, arithmetic: Arithmetic) -> float:
     rule = arithmetic.precision.depth
     if rule.startswith("float32"):
         z = _depth_in_float32(record, px, py, rule, arithmetic)
@@ -419,14 +425,24 @@ def depth(record: Record, px: int, py: int, arithmetic: Arithmetic = EXACT) -> f
 
 
 def _depth_in_float64(record: Record, px: int, py: int, rule: str, arithmetic: Arithmetic) -> float:
-    perimeter = sum(abs(x - u) + abs(y - v) for (x, y), (u, v) in zip(record.xy, record.xy[1:] + record.xy[:1], strict=True))
-    if arithmetic.subpixel * perimeter > 32 * record.area:
-        return _weighted(record, _edge_values(record, px, py, arithmetic))
-    corner, dx, dy = (_weighted(record, g) for g in _cell(record, px, py, arithmetic))
+    plane = _plane(record.xy, record.z, record.area, px - px % 64, py - py % 64, arithmetic)
+    if plane is None:
+        return _weighted(record.z, record.area, _edge_values(record.xy, px, py, arithmetic))
+    corner, dx, dy = plane
     if rule == "fixed_cell":
         corner, dx, dy = (int(value * 2**48) for value in (corner, dx, dy))
         return _int_to_float32(corner + dy * (py % 64) + dx * (px % 64)) / 2**48
     return (corner + dy * (py % 64)) + dx * (px % 64)
+
+
+@lru_cache(maxsize=256)  # the pixels of a cell follow one another
+def _plane(xy: Corners, z: Vector, area: int, left: int, top: int, arithmetic: Arithmetic) -> tuple[float, float, float] | None:
+    """Depth at a cell's first pixel, and by how much it changes to the right and downwards; None if the triangle is thin."""
+    perimeter = sum(abs(x - u) + abs(y - v) for (x, y), (u, v) in zip(xy, xy[1:] + xy[:1], strict=True))
+    if arithmetic.subpixel * perimeter > 32 * area:
+        return None
+    corner, dx, dy = (_weighted(z, area, g) for g in _cell(xy, left, top, arithmetic))
+    return corner, dx, dy
 
 
 def _depth_in_float32(record: Record, px: int, py: int, rule: str, arithmetic: Arithmetic) -> float:
@@ -442,29 +458,28 @@ def _depth_in_float32(record: Record, px: int, py: int, rule: str, arithmetic: A
         z_right = _round32(z[0] + _round32(dx * _int_to_float32(x - x0)))
         return _round32(z_right + _round32(dy * _int_to_float32(y - y0)))
     if rule == "float32_barycentric":
-        return _weighted_in_float32(record, _edge_values(record, px, py, arithmetic))
-    corner, dx, dy = (_weighted_in_float32(record, g) for g in _cell(record, px, py, arithmetic))
+        return _weighted_in_float32(record, _edge_values(record.xy, px, py, arithmetic))
+    corner, dx, dy = (_weighted_in_float32(record, g) for g in _cell(record.xy, px - px % 64, py - py % 64, arithmetic))
     return _round32(_round32(corner + _round32(dy * (py % 64))) + _round32(dx * (px % 64)))
 
 
-def _cell(record: Record, px: int, py: int, arithmetic: Arithmetic) -> tuple[list[int], list[int], list[int]]:
-    """The edge values at the first pixel of the pixel's cell, and by how much they change to the right and downwards."""
-    left, top = px - px % 64, py - py % 64
-    at_corner = _edge_values(record, left, top, arithmetic)
-    to_the_right = _edge_values(record, left + 1, top, arithmetic)
-    below = _edge_values(record, left, top + 1, arithmetic)
+@lru_cache(maxsize=256)
+def _cell(xy: Corners, left: int, top: int, arithmetic: Arithmetic) -> tuple[list[int], list[int], list[int]]:
+    """The edge values at a cell's first pixel, and by how much they change to the right and downwards."""
+    at_corner = _edge_values(xy, left, top, arithmetic)
+    to_the_right = _edge_values(xy, left + 1, top, arithmetic)
+    below = _edge_values(xy, left, top + 1, arithmetic)
     right, down = ([b - a for a, b in zip(at_corner, there, strict=True)] for there in (to_the_right, below))
     return at_corner, right, down
 
 
-def _edge_values(record: Record, px: int, py: int, arithmetic: Arithmetic) -> list[int]:
+def _edge_values(xy: Corners, px: int, py: int, arithmetic: Arithmetic) -> list[int]:
     sample = _centre(px, py, arithmetic)
-    return [_determinant(record.xy[(k + 1) % 3], record.xy[(k + 2) % 3], sample) for k in range(3)]
+    return [_determinant(xy[(k + 1) % 3], xy[(k + 2) % 3], sample) for k in range(3)]
 
 
-def _weighted(record: Record, g: Sequence[int]) -> float:
-    z = record.z
-    return ((float(g[0]) * z[0] + float(g[1]) * z[1]) + float(g[2]) * z[2]) / float(record.area)
+def _weighted(z: Vector, area: int, g: Sequence[int]) -> float:
+    return ((float(g[0]) * z[0] + float(g[1]) * z[1]) + float(g[2]) * z[2]) / float(area)
 
 
 def _weighted_in_float32(record: Record, g: Sequence[int]) -> float:
@@ -519,7 +534,7 @@ def weights(
     def summed(terms: Sequence[float]) -> float:
         return rounded(rounded(terms[0] + terms[1]) + terms[2])
 
-    screen = [over(whole(e), whole(record.area)) for e in _edge_values(record, px, py, arithmetic)]
+    screen = [over(whole(e), whole(record.area)) for e in _edge_values(record.xy, px, py, arithmetic)]
     rows = [[rounded(t) for t in row] for row in record.weights]
     if rule == "affine":
         rows = [[t / ((row[0] + row[1]) + row[2]) for t in row] for row in rows]
@@ -571,7 +586,7 @@ def rasterize(
     nearest: dict[Point, tuple[float, int]] = {}
     for record in drawn:
         for py, px in np.argwhere(coverage(record, height, width, arithmetic)).tolist():
-            z = depth(record, px, py, arithmetic)
+            z = _depth(record, px, py, arithmetic)
             if z <= 1:
                 nearest[px, py] = min(nearest.get((px, py), (inf, 0)), (z, record.triangle))
     packed = np.full((height, width), NOTHING, np.int64)
