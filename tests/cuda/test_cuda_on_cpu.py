@@ -9,7 +9,7 @@ import itertools
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import counted_work
 import cuda_on_cpu
@@ -328,8 +328,8 @@ def test_shared_memory_is_allowed_once() -> None:
 def test_nothing_to_draw(variant: str) -> None:
     none = Case(np.zeros((0, 4), np.float32), np.zeros((0, 3), np.int32), (70, 131))
     indices = np.zeros((1000, 3), np.int32)
-    for s in as_read(variant, PATHS.values()):
-        assert_right([job(none, variant, s), job(none, variant, s, triangles=indices, dropped=1000)])
+    given: tuple[dict[str, Any], ...] = ({}, {"triangles": indices, "dropped": 1000})
+    assert_right([job(none, variant, s, **what) for s in as_read(variant, PATHS.values()) for what in given])
 
 
 @pytest.mark.parametrize(
