@@ -98,8 +98,10 @@ int kernel;  // how many the frame has had
 
 [[noreturn]] void fail(const char* what, int thread) {
   const Thread& t = threads[thread];
-  fprintf(stderr, "cuda_on_cpu: %s: kernel %d of the frame, block %u of %u, thread %d of %u, at %s:%d\n", what, kernel,
-          blockIdx.x, gridDim.x, thread, blockDim.x, t.file ? t.file : "its start", t.line);
+  fprintf(stderr,
+          "cuda_on_cpu: %s: kernel %d of the frame, block (%u, %u, %u) of (%u, %u, %u), thread %d of %u, at %s:%d\n",
+          what, kernel, blockIdx.x, blockIdx.y, blockIdx.z, gridDim.x, gridDim.y, gridDim.z, thread, blockDim.x,
+          t.file ? t.file : "its start", t.line);
   _exit(2);
 }
 
@@ -325,7 +327,9 @@ void run_grid(dim3 grid, dim3 block, size_t shared_bytes, const std::function<vo
   gridDim = grid;
   blockDim = block;
   dynamic_shared = shared.of<char>();
-  for (blockIdx = {0, 0, 0}; blockIdx.x < grid.x; ++blockIdx.x) {
+  for (uint64_t number = 0; number < (uint64_t)grid.x * grid.y * grid.z; ++number) {
+    const uint64_t row = number / grid.x;
+    blockIdx = {(unsigned)(number % grid.x), (unsigned)(row % grid.y), (unsigned)(row / grid.y)};
     memset(dynamic_shared, 0xcd, shared_bytes);
     run_block((int)block.x);
   }

@@ -99,7 +99,7 @@ std::list<Kept>& kept = *new std::list<Kept>;
 cudaKernelNodeParams node_of(const Launch& launch) {
   cudaKernelNodeParams node = {};
   node.func = const_cast<void*>(launch.kernel);
-  node.gridDim = dim3(launch.grid.blocks);
+  node.gridDim = launch.grid.blocks;
   node.blockDim = dim3(launch.grid.threads);
   node.sharedMemBytes = launch.grid.shared_bytes;
   node.kernelParams = const_cast<void**>(launch.parameters);

@@ -12,9 +12,11 @@
 namespace bigtri {
 
 struct Grid {
-  unsigned blocks, threads, shared_bytes;
+  dim3 blocks;
+  unsigned threads, shared_bytes;
   bool operator==(const Grid& other) const {
-    return blocks == other.blocks && threads == other.threads && shared_bytes == other.shared_bytes;
+    return blocks.x == other.blocks.x && blocks.y == other.blocks.y && blocks.z == other.blocks.z &&
+           threads == other.threads && shared_bytes == other.shared_bytes;
   }
 };
 

@@ -95,10 +95,10 @@ __device__ __forceinline__ void let_next_begin() {
 // Launches a kernel, with an attribute or none, and answers for this launch; cudaGetLastError might tell of an older
 // one of the caller's.
 template <class... Parameters, class... Arguments>
-cudaError_t launch_with(cudaLaunchAttribute* attribute, void (*kernel)(Parameters...), int64_t blocks, int threads,
+cudaError_t launch_with(cudaLaunchAttribute* attribute, void (*kernel)(Parameters...), dim3 blocks, int threads,
                         int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
   cudaLaunchConfig_t config = {};
-  config.gridDim = dim3((unsigned)blocks);
+  config.gridDim = blocks;
   config.blockDim = dim3((unsigned)threads);
   config.dynamicSmemBytes = (size_t)shared_bytes;
   config.stream = stream;
@@ -109,7 +109,7 @@ cudaError_t launch_with(cudaLaunchAttribute* attribute, void (*kernel)(Parameter
 
 // overlaps: whether it may begin while the one in front of it still ends.
 template <class... Parameters, class... Arguments>
-cudaError_t launch_now(bool overlaps, void (*kernel)(Parameters...), int64_t blocks, int threads, int64_t shared_bytes,
+cudaError_t launch_now(bool overlaps, void (*kernel)(Parameters...), dim3 blocks, int threads, int64_t shared_bytes,
                        cudaStream_t stream, const Arguments&... arguments) {
   cudaLaunchAttribute attribute = {};
   attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
@@ -126,8 +126,8 @@ cudaError_t launch_noted(const Launch& l, cudaStream_t stream, std::index_sequen
 }
 
 template <class... Parameters, class... Arguments>
-cudaError_t launch_or_note(bool overlaps, void (*kernel)(Parameters...), int64_t blocks, int threads,
-                           int64_t shared_bytes, cudaStream_t stream, const Arguments&... arguments) {
+cudaError_t launch_or_note(bool overlaps, void (*kernel)(Parameters...), dim3 blocks, int threads, int64_t shared_bytes,
+                           cudaStream_t stream, const Arguments&... arguments) {
   Launches* const noting = Launches::into(stream);
   if (!noting) return launch_now(overlaps, kernel, blocks, threads, shared_bytes, stream, arguments...);
   Launch l = {};
@@ -135,21 +135,21 @@ cudaError_t launch_or_note(bool overlaps, void (*kernel)(Parameters...), int64_t
   l.put = [](const Launch& noted, cudaStream_t into) {
     return launch_noted<Parameters...>(noted, into, std::index_sequence_for<Parameters...>());
   };
-  l.grid = {(unsigned)blocks, (unsigned)threads, (unsigned)shared_bytes};
+  l.grid = {blocks, (unsigned)threads, (unsigned)shared_bytes};
   l.overlaps = overlaps;
   return noting->note(l, Parameters(arguments)...);
 }
 
 // After all that is in the stream.
 template <class Kernel, class... Arguments>
-cudaError_t launch_first(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
+cudaError_t launch_first(Kernel kernel, dim3 blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
                          const Arguments&... arguments) {
   return launch_or_note(false, kernel, blocks, threads, shared_bytes, stream, arguments...);
 }
 
 // Behind another kernel of the same frame.
 template <class Kernel, class... Arguments>
-cudaError_t launch_next(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
+cudaError_t launch_next(Kernel kernel, dim3 blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
                         const Arguments&... arguments) {
   bool overlap;
   BIGTRI_CUDA(overlaps_launches(reinterpret_cast<const void*>(kernel), &overlap));
@@ -158,7 +158,7 @@ cudaError_t launch_next(Kernel kernel, int64_t blocks, int threads, int64_t shar
 
 // All blocks at once, so that they may wait for each other; an error where they do not fit.
 template <class Kernel, class... Arguments>
-cudaError_t launch_together(Kernel kernel, int64_t blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
+cudaError_t launch_together(Kernel kernel, dim3 blocks, int threads, int64_t shared_bytes, cudaStream_t stream,
                             const Arguments&... arguments) {
   if (Launches* const noting = Launches::into(stream)) BIGTRI_CUDA(noting->put());  // they come first
   cudaLaunchAttribute attribute = {};

@@ -45,8 +45,7 @@ struct Search {
 
 // The corners of triangle t. projected: the view's vertices. An index that names none of them drops the triangle.
 __device__ __forceinline__ void projected_corners(const Frame& f, const Vertex* projected, int32_t t, Vertex v[3]) {
-  // No index reaches beyond int32, and a negative one is large as a uint32.
-  const uint32_t vertices = (uint32_t)min_of<int64_t>(f.vertices, (int64_t)INT32_MAX + 1);
+  const uint32_t vertices = nameable_vertices(f);
   int32_t index[3];
   for (int k = 0; k < 3; ++k) index[k] = __ldg(f.triangles + 3 * (int64_t)t + k);
   for (int k = 0; k < 3; ++k) v[k] = {0, 0, 0.0f, kNonFinite};

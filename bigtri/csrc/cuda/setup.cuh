@@ -99,12 +99,18 @@ __device__ __forceinline__ void project_vertices(const Frame& f, int64_t first, 
     if (first + k * step < end) put(project_vertex(v[k], f.view.width, f.view.height), first + k * step);
 }
 
+// Vertices that an index can name: none reaches beyond int32, and a negative one is large as a uint32.
+__device__ __forceinline__ uint32_t nameable_vertices(const Frame& f) {
+  return (uint32_t)min_of<int64_t>(f.vertices, (int64_t)INT32_MAX + 1);
+}
+
 // Vertices of triangle t; false if it names one that there is not.
 __device__ __forceinline__ bool load_indices(const Frame& f, int32_t t, int32_t index[3]) {
+  const uint32_t vertices = nameable_vertices(f);
   bool valid = true;
   for (int k = 0; k < 3; ++k) {
     index[k] = __ldg(f.triangles + 3 * (int64_t)t + k);
-    valid = valid && index[k] >= 0 && index[k] < f.vertices;
+    valid &= (uint32_t)index[k] < vertices;
   }
   return valid;
 }

@@ -20,8 +20,8 @@ namespace {
 // Of a large picture, much of which may be background, a warp takes several words together.
 constexpr int kWordsOfLarge = 4;
 constexpr int64_t kPixelsOfLarge = 4 << 20;
-// Of whole areas that a launch is for, twice what one view can have.
-constexpr int kSamplesAtOnce = 1 << 29;
+// Of whole areas that a launch is for, twice what one view can have; layers of a grid.
+constexpr int kSamplesAtOnce = 1 << 29, kViewsAtOnce = 65535;
 
 // The areas of some views of the picture.
 Areas picture_areas(const Shading& job, int64_t views, void* memory) {
@@ -31,14 +31,14 @@ Areas picture_areas(const Shading& job, int64_t views, void* memory) {
 int64_t views_at_once(const Shading& job) {
   const int64_t of_view =
       all_areas(picture_areas(job, 1, nullptr)) * kAreaWidth * kAreaHeight * job.samples * job.samples;
-  return max_of<int64_t>(1, min_of(job.views, kSamplesAtOnce / of_view));
+  return max_of<int64_t>(1, min_of(min_of<int64_t>(job.views, kViewsAtOnce), kSamplesAtOnce / of_view));
 }
 
 bool has_beside(const Shading& job) { return job.albedo || job.normals || job.linear; }
 
 // Whether every triangle is set up once, whether it is seen or not: where there are many pixels for each, on average. Else
 // every pixel sets up its own, of vertices that are projected once where there are many pixels for each of them.
-constexpr int64_t kPixelsToPrepare = 24, kPixelsToProject = 8;
+constexpr int64_t kPixelsToPrepare = 24, kPixelsToProject = 4;
 bool prepares(const Shading& job) { return job.count * kPixelsToPrepare <= (int64_t)job.height * job.width; }
 bool projects(const Shading& job) {
   return !prepares(job) && job.vertices * kPixelsToProject <= (int64_t)job.height * job.width;
@@ -151,12 +151,11 @@ cudaError_t begin_shading_cuda(const Shading& job, void* memory, cudaStream_t st
 cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) {
   Scratch scratch = {static_cast<char*>(memory)};
   return in_parts(given, lay_out(given, &scratch), [&](const Shading& job, const Work& work) {
-    const int64_t words = work.words;
     const bool several = job.samples > 1;
     int blocks;
     if (job.areas) {
       const auto kernel = several ? shade_listed<true> : shade_listed<false>;
-      BIGTRI_CUDA(blocks_of(kernel, words, &blocks));
+      BIGTRI_CUDA(blocks_of(kernel, work.words, &blocks));
       BIGTRI_CUDA(launch_next(kernel, blocks, kShadeThreads, 0, stream, job, work));
     } else {
       const bool large = !several && !job.fills && work.prepared && (int64_t)job.height * job.width >= kPixelsOfLarge;
@@ -164,8 +163,11 @@ cudaError_t shade_cuda(const Shading& given, void* memory, cudaStream_t stream) 
                           : large         ? shade_all<false, true, kWordsOfLarge>
                           : work.prepared ? shade_all<false, true, 1>
                                           : shade_all<false, false, 1>;
-      const int of_block = kShadeWarps * (large ? kWordsOfLarge : 1);
-      BIGTRI_CUDA(launch_next(kernel, (words + of_block - 1) / of_block, kShadeThreads, 0, stream, job, work));
+      const int of_warp = large ? kWordsOfLarge : 1, across = words_across(of_warp) * kWarp,
+                down = rows_down(of_warp) * kShadeWarps;
+      const dim3 grid((work.width.by + across - 1) / across, (unsigned)((work.height + down - 1) / down),
+                      (unsigned)job.views);
+      BIGTRI_CUDA(launch_next(kernel, grid, kShadeThreads, 0, stream, job, work));
     }
     // Mostly none is left, and fewer blocks end sooner.
     BIGTRI_CUDA(multiprocessors(&blocks));

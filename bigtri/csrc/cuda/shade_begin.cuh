@@ -137,7 +137,10 @@ __global__ void __launch_bounds__(kBeginThreads, kPrepared ? 2 : 4)
   } else if (blockIdx.x < triangle_blocks + vertex_blocks) {
     const int64_t i = item_behind(triangle_blocks);
     if (i < job.views * job.vertices) {
-      const ProjectedVertex vertex = project(frame_of(job, 0), i);
+      const Frame all = frame_of(job, 0);
+      float given[4];
+      load_vertex(all, i, given);
+      const ProjectedVertex vertex = project(all, given);
       work.projected[i] = vertex;
       work.flags[i] = (uint16_t)vertex.flags;
     }

@@ -67,13 +67,13 @@ __device__ __forceinline__ Sample shade_sample(const Shading& job, const Work& w
 }
 
 __device__ __forceinline__ void store_pixel(const Shading& job, uint32_t i, uint32_t color) {
-  for (int c = 0; c < job.channels; ++c) job.image[(int64_t)i * job.channels + c] = (uint8_t)(color >> (8 * c));
+  for (int c = 0; c < job.channels; ++c) job.image[i * (uint32_t)job.channels + c] = (uint8_t)(color >> (8 * c));
 }
 
 // Stores the colours of a word of the picture, of so many pixels from pixel `first` on, with all lanes.
 __device__ __forceinline__ void store_word(const Shading& job, uint32_t first, int pixels, uint32_t color) {
   const int lane = lane_id();
-  uint8_t* const bytes = job.image + (int64_t)first * job.channels;
+  uint8_t* const bytes = job.image + first * (uint32_t)job.channels;
   if (pixels >= kWarp && ((uintptr_t)bytes & 3) == 0) {
     uint32_t* to = reinterpret_cast<uint32_t*>(bytes);
     if (job.channels == 4) {

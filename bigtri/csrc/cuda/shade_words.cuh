@@ -25,17 +25,21 @@ __device__ __forceinline__ void finish_word(const Shading& job, const Work& work
     finish_pixels<kPrepared>(job, work, at, triangle);
 }
 
-// All areas. A warp takes kWords words of an area, which it looks at together, and then goes through those that have a
-// triangle; others take no longer than it takes to load them. The device shares out the warps: a word that a model covers
-// takes ten times as long.
+// Of a warp that takes several words, two lie beside each other.
+BIGTRI_HD constexpr int words_across(int words) { return words == 1 ? 1 : 2; }
+BIGTRI_HD constexpr int rows_down(int words) { return words / words_across(words); }
+
+// A whole picture. A warp takes kWords words, which it looks at together, and then goes through those that have a triangle;
+// others take no longer than it takes to load them. The device shares out the warps: a word that a model covers takes ten
+// times as long. A block's warps lie one below the other; the grid is as wide and as high as the picture, with a layer for
+// each view, so that no warp divides to find its place.
 template <bool kSeveral, bool kPrepared, int kWords>
 __global__ void __launch_bounds__(kShadeThreads, shade_blocks(kPrepared))
     shade_all(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
-  static_assert(kWords == 1 || (kWords % 2 == 0 && kWordsOfArea % kWords == 0), "whole rows of one area");
+  static_assert(kWords == 1 || kWords % 2 == 0, "whole rows");
   wait_for_previous();
-  const uint32_t start = (blockIdx.x * kShadeWarps + this_warp()) * kWords;
-  if (start >= word_count<false>(work)) return;
-  const Place word = word_at<false>(work, start);
+  const Place word = {blockIdx.z, (int)blockIdx.x * words_across(kWords) * kWarp,
+                      ((int)blockIdx.y * kShadeWarps + this_warp()) * rows_down(kWords)};
   int32_t triangle[kWords];
 #pragma unroll
   for (int j = 0; j < kWords; ++j) triangle[j] = look_at<kSeveral>(job, work, pixel_at(word, j));
@@ -67,7 +71,7 @@ __global__ void __launch_bounds__(kShadeThreads, shade_blocks(kPrepared))
 // The areas that are listed, of prepared triangles and a picture that has its background already. Nearly all of their
 // words have a triangle, so that warps may take them in turn.
 template <bool kSeveral>
-__global__ void __launch_bounds__(kShadeThreads, shade_blocks(true))
+__global__ void __launch_bounds__(kShadeThreads, shade_blocks(!kSeveral))
     shade_listed(const __grid_constant__ Shading job, const __grid_constant__ Work work) {
   __shared__ uint32_t numbers[kShadeWarps];  // of the warps' words: no register holds them while a word is finished
   wait_for_previous();

@@ -12,14 +12,15 @@ namespace {
 
 constexpr int kShadeWarps = 4;  // of a block, in all kernels but begin_frame
 constexpr int kShadeThreads = kShadeWarps * kWarp;
-// Blocks that a multiprocessor ought to hold: more warps wait for memory in less time, but those that set up triangles need
-// more registers, and compute capability 7.5 has no place for more than 32.
+// Blocks that a multiprocessor ought to hold. Where a pixel's triangle is prepared, it may hold more warps, which wait for
+// memory in less time; others need the registers, as do pixels of listed areas that are kept from sample to sample.
+// Compute capability 7.5 has no place for more than 32 warps.
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ == 750
-constexpr int kPreparedWarps = 32;
+constexpr int kMostShadeWarps = 32;
 #else
-constexpr int kPreparedWarps = 36;
+constexpr int kMostShadeWarps = 36;
 #endif
-constexpr int shade_blocks(bool prepared) { return (prepared ? kPreparedWarps : 32) / kShadeWarps; }
+constexpr int shade_blocks(bool more) { return (more ? kMostShadeWarps : 32) / kShadeWarps; }
 constexpr int kBeginWarps = 8;
 constexpr int kBeginThreads = kBeginWarps * kWarp;
 constexpr int kWordsOfArea = kAreaWidth * kAreaHeight / kWarp;  // a word is 32 pixels of a row of the picture

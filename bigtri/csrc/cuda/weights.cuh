@@ -62,9 +62,7 @@ struct alignas(16) ProjectedVertex {
   float w;
   uint32_t flags;
 };
-__device__ __forceinline__ ProjectedVertex project(const Frame& f, int64_t i) {
-  float v[4];
-  load_vertex(f, i, v);
+__device__ __forceinline__ ProjectedVertex project(const Frame& f, const float v[4]) {
   const Vertex projected = project_vertex(v, f.view.width, f.view.height);
   return {projected.x, projected.y, v[3], projected.flags};
 }
@@ -101,12 +99,19 @@ __device__ __forceinline__ void set_up_whole(const Shading& job, int64_t view, i
   int32_t index[3] = {};
   out->fate = Fate::kDropped;
   if (!load_indices(f, triangle, index)) return;
-  Vertex v[3] = {};
-  float w[3] = {};
+  ProjectedVertex corner[3];
+  if (projected) {
+    for (int k = 0; k < 3; ++k) corner[k] = loaded(projected + index[k]);
+  } else {
+    float given[3][4];  // all are loaded before the first is used
+    for (int k = 0; k < 3; ++k) load_vertex(f, index[k], given[k]);
+    for (int k = 0; k < 3; ++k) corner[k] = project(f, given[k]);
+  }
+  Vertex v[3];
+  float w[3];
   for (int k = 0; k < 3; ++k) {
-    const ProjectedVertex p = projected ? loaded(projected + index[k]) : project(f, index[k]);
-    v[k] = {p.x, p.y, 0.0f, p.flags};
-    w[k] = p.w;
+    v[k] = {corner[k].x, corner[k].y, 0.0f, corner[k].flags};
+    w[k] = corner[k].w;
   }
   Primitive p = {};
   out->fate = assemble(f, v, &p);
@@ -119,10 +124,10 @@ __device__ __forceinline__ void set_up_whole(const Shading& job, int64_t view, i
   fill(p, in_order, out);
   *back = false;
   if (kUnsnappedWeights || job.surface.two_sided) {
-    float corner[3][4];
-    for (int k = 0; k < 3; ++k) load_vertex(f, index[k], corner[k]);
-    fill_given(corner, p.order, out);
-    *back = job.surface.two_sided && is_back(corner[0], corner[1], corner[2]);
+    float given[3][4];
+    for (int k = 0; k < 3; ++k) load_vertex(f, index[k], given[k]);
+    fill_given(given, p.order, out);
+    *back = job.surface.two_sided && is_back(given[0], given[1], given[2]);
   }
 }
 
