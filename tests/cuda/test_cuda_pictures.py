@@ -83,6 +83,11 @@ def test_pictures(number: int) -> None:
         assert a is None or b is not None and same(a, b)
 
 
+def test_more_views_than_a_grid_has_layers() -> None:
+    picture = picture_of(63, (3, 5), views=70_000, count=2, made=False)
+    assert_same(drawn(picture), drawn(to_device(picture, DEVICE)))
+
+
 @pytest.mark.parametrize("precision", ["exact", "balanced", "fast", "subpixel4"])
 @pytest.mark.parametrize("samples", [1, 2])
 def test_every_rung_without_a_visibility_buffer(precision: str, samples: int) -> None:
