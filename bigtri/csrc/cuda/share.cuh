@@ -170,48 +170,29 @@ __device__ __noinline__ void draw_left(FramePixel pixels, int width, int warp, S
   }
 }
 
-// Sets up a block's share and draws what fits by rows. What is left goes to rest(view, records, their number), which
-// all lanes of a warp call after the kernels in front have ended. Parts of clipped triangles take the same way as whole
-// triangles. projected: the vertices of all views, or null. By all threads of a block.
-template <Way kWay, class Rest>
-__device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected, int widest,
-                                           ShareShared<kWay>* shared, const Rest& rest) {
-  constexpr bool kTogether = kWay == Way::kTogether, kLeaves = kWay == Way::kEven;
-  constexpr int kWarps = block_warps(kWay);
-  const int warp = computed_here((int)(threadIdx.x / kWarp));
-  WarpShared* const s = &shared->warp[warp];
-  Search* const search = &shared->search[kWay == Way::kTested ? warp : 0];
-  const Share share = share_of<kWay>(f, sharing);
-  if ((!kTogether && projected) || share.count <= 0) wait_for_previous();
-  if (share.count <= 0) return;
-  const int64_t first_vertex = share.view * (f.view_stride / 4);
-  const FramePixel pixels = first_pixel(f, share.view);
-  const Vertex* const own_projected = projected ? projected + first_vertex : nullptr;  // of the view
-  // Tested: where this warp's triangles begin, and where the block's end.
-  const int32_t begin = share.first + min_of(warp * kWarp, share.count), end = share.first + share.count;
-  if (kTogether) {
-    // Each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of warp 0
-    // is where the triangles end up.
-    make_corners(f, first_vertex, share.first, share.step, share.count, shared->warp[1].corners);
-    __syncthreads();
-  }
-  if (kWay == Way::kTested) search->begin(begin, true);
-#pragma unroll 1
-  do {
-    int32_t t = share.first + lane_id() * share.step;
-    int count = warp == 0 ? share.count : 0;
-    if (kWay == Way::kEven || kWay == Way::kApart) {
-      const int place = warp * kWarp + lane_id(), log = sharing.log_neighbours;
-      const int64_t offset = (int64_t)(place >> log) * share.step + (place & ((1 << log) - 1));
-      t = share.first + (int32_t)offset;
-      count = __popc(__ballot_sync(kAllLanes, offset < share.count));
-    }
-    if (kWay == Way::kTested) {
-      count = find_waiting(f, own_projected, share.step, end, search);
-      t = search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))];
-    }
+// What a warp draws triangles of its block's share with.
+template <Way kWay>
+struct Drawing {
+  static constexpr bool kTogether = kWay == Way::kTogether, kLeaves = kWay == Way::kEven;
+  static constexpr int kWarps = block_warps(kWay);
+
+  const Frame& f;
+  const Sharing& sharing;
+  const Share share;
+  const Vertex* own_projected;  // of the view, or null
+  const int64_t first_vertex;  // of the view
+  const FramePixel pixels;
+  const int widest, warp;
+  ShareShared<kWay>* const shared;
+
+  // Sets up triangle t of each lane below `count`, or of warp 0's where they are drawn together, and draws them; what is
+  // too wide for rows goes to `rest`. Returns how many of them may cover a pixel. By all lanes, or all threads of a block
+  // that draws together.
+  template <class Rest>
+  __device__ __forceinline__ int draw(int32_t t, int count, const Rest& rest) const {
+    WarpShared* const s = &shared->warp[warp];
     Filed filed = {0, 0};
-    unsigned clip = 0;
+    unsigned clip = 0, shown = 0;
     if (!kTogether || warp == 0) {
       Fate fate = Fate::kNothing;
       Primitive p;
@@ -221,7 +202,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
         Vertex v[3];
         if (kTogether)
           for (int k = 0; k < 3; ++k) v[k] = shared->warp[1].corners[3 * lane_id() + k];
-        else if (kWay == Way::kTested || projected)
+        else if (kWay == Way::kTested || own_projected)
           projected_corners(f, own_projected, t, v);
         else
           own_corners(f, first_vertex, t, v);
@@ -233,6 +214,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
       if (dropped) count_dropped(f, share.view, dropped);
       const bool have = fate == Fate::kWhole;
+      shown = clip | __ballot_sync(kAllLanes, have);
       const bool small = !kTogether && have && is_small(p);
       if (!kTogether && __popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
         const unsigned left = __ballot_sync(kAllLanes, have && !small);
@@ -279,9 +261,65 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       all_draw = false;
     }
     __syncwarp();
-  } while (kWay == Way::kTested && search->goes_on(end));
-  if constexpr (kLeaves)
-    if (__syncthreads_or(shared->row_counts[warp])) draw_left(pixels, f.view.width, warp, shared);
+    return __popc(shown);
+  }
+};
+
+// Tested: draws the warp's triangles from `begin` on, up to `end`. Where most of 32 show, it draws the next 32 as they are,
+// with no list in between, until fewer do. By all lanes.
+template <class Rest>
+__device__ __forceinline__ void draw_tested_share(const Drawing<Way::kTested>& drawing, int32_t begin, int32_t end,
+                                                  Search* search, const Rest& rest) {
+  const int32_t step = drawing.share.step;
+  search->begin(begin, true);
+#pragma unroll 1
+  do {
+    const int32_t next = reread(search->next);
+    if (reread(search->test) || next >= end) {
+      const int count = find_waiting(drawing.f, drawing.own_projected, step, end, search);
+      drawing.draw(search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))], count, rest);
+    } else {
+      const int shown = drawing.draw(next + lane_id(), min_of(kWarp, end - next), rest);
+      if (lane_id() == 0) {
+        search->next += min_of(step, end - search->next);
+        search->test = shown < kMostlyShown;
+      }
+      __syncwarp();
+    }
+  } while (search->goes_on(end));
+}
+
+// Sets up a block's share and draws what fits by rows. What is left goes to rest(view, records, their number), which
+// all lanes of a warp call after the kernels in front have ended. Parts of clipped triangles take the same way as whole
+// triangles. projected: the vertices of all views, or null. By all threads of a block.
+template <Way kWay, class Rest>
+__device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected, int widest,
+                                           ShareShared<kWay>* shared, const Rest& rest) {
+  constexpr bool kTogether = kWay == Way::kTogether;
+  const int warp = computed_here((int)(threadIdx.x / kWarp));
+  const Share share = share_of<kWay>(f, sharing);
+  if ((!kTogether && projected) || share.count <= 0) wait_for_previous();
+  if (share.count <= 0) return;
+  const int64_t first_vertex = share.view * (f.view_stride / 4);
+  const Drawing<kWay> drawing = {
+      f,      sharing, share, projected ? projected + first_vertex : nullptr, first_vertex, first_pixel(f, share.view),
+      widest, warp,    shared};
+  if constexpr (kTogether) {
+    // Each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of warp 0
+    // is where the triangles end up.
+    make_corners(f, first_vertex, share.first, share.step, share.count, shared->warp[1].corners);
+    __syncthreads();
+    drawing.draw(share.first + lane_id() * share.step, warp == 0 ? share.count : 0, rest);
+  } else if constexpr (kWay == Way::kTested) {
+    draw_tested_share(drawing, share.first + min_of(warp * share.apart, share.count), share.first + share.count,
+                      &shared->search[warp], rest);
+  } else {
+    const int place = warp * kWarp + lane_id(), log = sharing.log_neighbours;
+    const int64_t offset = (int64_t)(place >> log) * share.step + (place & ((1 << log) - 1));
+    drawing.draw(share.first + (int32_t)offset, __popc(__ballot_sync(kAllLanes, offset < share.count)), rest);
+  }
+  if constexpr (kWay == Way::kEven)
+    if (__syncthreads_or(shared->row_counts[warp])) draw_left(drawing.pixels, f.view.width, warp, shared);
   wait_for_previous();
 }
 

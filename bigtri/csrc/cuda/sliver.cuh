@@ -97,13 +97,18 @@ struct NoLines {};
 struct SliverLineShared {
   PairLines common;  // to the planes of lines, instead of those of cells
 };
+// Of a sliver's record, a chunk's lines in a band.
+struct SliverPart {
+  uint32_t record;
+  uint16_t chunk, band;
+};
 struct SliverShared : std::conditional_t<kPairDepth, SliverLineShared, NoLines> {
   Record record;
   Lines part;  // to be drawn
   Crossing crossing[3];
   DepthNumber zcell[kSliverCells][kSliverRows];
   int row[kSliverCells];  // the first
-  uint32_t item[kSliverThreads];  // to be drawn
+  SliverPart parts[kSliverThreads];  // to be drawn
   int count;
 };
 
@@ -340,19 +345,20 @@ __device__ __forceinline__ void draw_slivers(const Frame& f, const Record* recor
     if (!__syncthreads_or(one)) continue;
     if (threadIdx.x == 0) s->count = 0;
     __syncthreads();
-    if (one) s->item[atomicAdd(&s->count, 1)] = i;
+    if (one)
+      s->parts[atomicAdd(&s->count, 1)] = {number, (uint16_t)(i % each() % chunks()),
+                                           (uint16_t)(bands - 1 - (int)(i / each()))};
     __syncthreads();
 #pragma unroll 1
     for (bool more = true; more;) {  // the last one first
-      const uint32_t item = s->item[s->count - 1], of_band = item % each();
+      const SliverPart part = s->parts[s->count - 1];
       if (threadIdx.x < kWords)
         reinterpret_cast<uint32_t*>(&s->record)[threadIdx.x] =
-            reinterpret_cast<const uint32_t*>(records + of_band / chunks())[threadIdx.x];
+            reinterpret_cast<const uint32_t*>(records + part.record)[threadIdx.x];
       __syncthreads();
       const bool columns = extent(s->record.x) >= extent(s->record.y);
       if (threadIdx.x == 0) {
-        s->part = lines_of(s->record, columns, (int)(of_band % chunks()), f.view.height,
-                           bands - 1 - (int)(item / each()), bands);
+        s->part = lines_of(s->record, columns, part.chunk, f.view.height, part.band, bands);
         --s->count;
       }
       __syncthreads();

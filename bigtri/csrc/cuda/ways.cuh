@@ -74,9 +74,7 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
                                   : pixels > kTinyPixels && total <= resident * kOfEven * kTurns;
     return even ? kOfEven : kOfApart;
   }
-  int each = 4;
-  while (each < kWarp && total > resident * each) each *= 2;
-  return each;
+  return (int)min_of<int64_t>(kWarp, max_of<int64_t>(4, (total + resident - 1) / resident));
 }
 
 // Log2 of how many of a block's triangles lie next to each other in the list, where warps have their own. Those in a row
@@ -147,9 +145,9 @@ cudaError_t with_way(Way way, const Launch& launch) {
 
 // A block's share of a view's triangles. Together: first, first + step, ..., `count` of them. Even and apart: groups of
 // neighbours that begin at first, first + step, ..., as far as `count` reaches from the first triangle. Tested: the same,
-// groups of as many as the block has threads.
+// groups of 32 of each warp, the first ones so far from each other.
 struct Share {
-  int32_t view, first, step, count;
+  int32_t view, first, step, count, apart;
 };
 
 // The last view whose first block is not behind this one. By all lanes, 32 views at a time.
@@ -168,7 +166,7 @@ __device__ __forceinline__ int32_t view_of_block(const ViewRange* ranges, int32_
 // By all threads.
 template <Way kWay>
 __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
-  Share share = {0, 0, 1, 0};
+  Share share = {0, 0, 1, 0, kWarp};
   int32_t all = f.count;  // triangles of the view
   uint32_t block = blockIdx.x, blocks = s.blocks;
   if (s.ranges) {
@@ -196,9 +194,12 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
     share.step = (int32_t)(blocks << s.log_neighbours);
     share.count = all - before;
   } else {
-    const int32_t together = block_threads(kWay), before = (int32_t)block * (s.in_turns ? together : s.each);
+    // In turns, neighbours in the list are drawn by different blocks: a multiprocessor whose warps draw onto the same part
+    // of the image takes longer.
+    if (s.in_turns) share.apart = (int32_t)blocks * kWarp;
+    const int32_t before = (int32_t)block * (s.in_turns ? kWarp : s.each);
     share.first += before;
-    share.step = s.in_turns ? (int32_t)blocks * together : together;
+    share.step = s.in_turns ? (int32_t)blocks * block_threads(kWay) : block_threads(kWay);
     share.count = s.in_turns ? all - before : min_of(s.each, all - before);
   }
   return share;
