@@ -270,7 +270,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   int64_t blocks;
   BIGTRI_CUDA(
       share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
-  const Way way = way_of(r.sharing.each);
+  const Way way = r.sharing.way;
   if (way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
   r.widest = widest_rows(f, way, v.widest);

@@ -69,7 +69,7 @@ struct ShareShared {
   static constexpr int kWarps = block_warps(kWay);
 
   WarpShared warp[kWarps];
-  Search search[kWay == Way::kTested ? kWarps : 1];
+  Search search[tests(kWay) ? kWarps : 1];
   unsigned clip;  // bit k: triangle k of a share that is drawn together has to be clipped
   int row_counts[kWarps];  // triangles drawn by rows: together of warp 0; even of each warp that leaves rows to all
   int next_row[kWarps];  // the first of these rows
@@ -197,12 +197,12 @@ struct Drawing {
       Fate fate = Fate::kNothing;
       Primitive p;
       // A variable of a loop that is not set on every path stays alive from one round to the next, so that it spills.
-      if (kWay == Way::kTested) p = {};
+      if (tests(kWay)) p = {};
       if (lane_id() < count) {
         Vertex v[3];
         if (kTogether)
           for (int k = 0; k < 3; ++k) v[k] = shared->warp[1].corners[3 * lane_id() + k];
-        else if (kWay == Way::kTested || own_projected)
+        else if (tests(kWay) || own_projected)
           projected_corners(f, own_projected, t, v);
         else
           own_corners(f, first_vertex, t, v);
@@ -265,17 +265,18 @@ struct Drawing {
   }
 };
 
-// Tested: draws the warp's triangles from `begin` on, up to `end`. Where most of 32 show, it draws the next 32 as they are,
-// with no list in between, until fewer do. By all lanes.
-template <class Rest>
-__device__ __forceinline__ void draw_tested_share(const Drawing<Way::kTested>& drawing, int32_t begin, int32_t end,
-                                                  Search* search, const Rest& rest) {
+// Tested: draws the warp's triangles from `begin` on, up to `end`. All or few: where most of 32 show, it draws the next 32
+// as they are, with no list in between, until fewer do. Warps of a multiprocessor that go different ways hold each other
+// up, so that this is not for triangles of which every other one shows. By all lanes.
+template <Way kWay, class Rest>
+__device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_t begin, int32_t end, Search* search,
+                                            const Rest& rest) {
   const int32_t step = drawing.share.step;
   search->begin(begin, true);
 #pragma unroll 1
   do {
     const int32_t next = reread(search->next);
-    if (reread(search->test) || next >= end) {
+    if (kWay == Way::kTested || reread(search->test) || next >= end) {
       const int count = find_waiting(drawing.f, drawing.own_projected, step, end, search);
       drawing.draw(search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))], count, rest);
     } else {
@@ -310,9 +311,9 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     make_corners(f, first_vertex, share.first, share.step, share.count, shared->warp[1].corners);
     __syncthreads();
     drawing.draw(share.first + lane_id() * share.step, warp == 0 ? share.count : 0, rest);
-  } else if constexpr (kWay == Way::kTested) {
-    draw_tested_share(drawing, share.first + min_of(warp * share.apart, share.count), share.first + share.count,
-                      &shared->search[warp], rest);
+  } else if constexpr (tests(kWay)) {
+    draw_tested(drawing, share.first + min_of(warp * share.apart, share.count), share.first + share.count,
+                &shared->search[warp], rest);
   } else {
     const int place = warp * kWarp + lane_id(), log = sharing.log_neighbours;
     const int64_t offset = (int64_t)(place >> log) * share.step + (place & ((1 << log) - 1));

@@ -2,6 +2,8 @@
 // asking the device, and which triangles a block gets.
 #pragma once
 
+#include <numeric>
+
 #include "launch.cuh"
 #include "setup.cuh"
 #include "view_ranges.h"
@@ -17,7 +19,11 @@ enum class Way {
   // part of them to all warps of the block, which draw it at the end
   kApart,  // the same, and none leaves any
   kTested,  // each warp tests many, and draws those that may show, 32 at a time
+  kAllOrFew,  // the same of one view, whose triangles are so small that of a warp's few show, or nearly all where there
+  // are layers of them: these are drawn as they are, by a loop of their own
 };
+
+BIGTRI_HD constexpr bool tests(Way way) { return way == Way::kTested || way == Way::kAllOrFew; }
 
 // Warps of a block. A block's place is free for the next one only when its last warp is done, so that warps that do not
 // help each other are better off in small blocks.
@@ -35,18 +41,22 @@ constexpr Way way_of(int64_t each) {
   return each <= kWarp ? Way::kTogether : each == kOfEven ? Way::kEven : each == kOfApart ? Way::kApart : Way::kTested;
 }
 
+constexpr uint32_t kSpread = 37;  // Sharing::spread, or a little more
+
 struct Sharing {
+  Way way;
   int each;  // triangles of a block, if not in turns
   int own_pixels;  // even: of the bboxes of those that a warp draws by rows alone; it leaves what comes after
   int log_neighbours;  // even and apart: log2 of how many of them lie next to each other in the list
   uint32_t blocks;  // of a view, if all draw the same triangles
   bool in_turns;  // tested: all blocks, which the device holds at once, take triangles of the only view in turns
+  uint32_t spread;  // in turns: how far from each other neighbouring blocks begin; prime to `blocks`
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
 
-// Pixels of the image, or of all views, for each triangle: up to the first number most triangles cover none, from the
-// second on some may be large, from the third on many, from the fourth on most.
-constexpr double kTinyPixels = 0.8, kSmallPixels = 16, kMiddlePixels = 64, kLargePixels = 1 << 14;
+// Pixels of the image, or of all views, for each triangle: up to the first number nearly all triangles of a mesh cover
+// none, up to the second most, from the third on some may be large, from the fourth on many, from the fifth on most.
+constexpr double kLeastPixels = 0.4, kTinyPixels = 0.8, kSmallPixels = 16, kMiddlePixels = 64, kLargePixels = 1 << 14;
 inline double pixels_each(const Frame& f) {
   return (double)f.views * f.view.width * f.view.height / (double)max_of<int64_t>(triangles_of_all(f), 1);
 }
@@ -95,7 +105,7 @@ constexpr int64_t kFewTriangles = 256, kHugeImage = 1 << 22;  // px
 inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
-  if (way == Way::kApart || way == Way::kTested || pixels_each(f) > kLargePixels) return 64;
+  if (way == Way::kApart || tests(way) || pixels_each(f) > kLargePixels) return 64;
   if (triangles_of_all(f) <= kFewTriangles && pixels <= 1 << 19) return 96;
   return pixels > kHugeImage ? 256 : 192;
 }
@@ -111,12 +121,16 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   int resident;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), block_threads(Way::kEven), 0, &resident));
   s->each = each > 0 ? (int)each : share_size(f, resident, projected);
-  s->log_neighbours = log_neighbours(f, way_of(s->each), resident);
+  s->way = way_of(s->each);
+  s->in_turns = s->way == Way::kTested && f.views == 1 && !ranges;
+  if (s->in_turns && pixels_each(f) <= kLeastPixels) s->way = Way::kAllOrFew;
+  s->log_neighbours = log_neighbours(f, s->way, resident);
   s->own_pixels = own_pixels(f);
-  s->in_turns = way_of(s->each) == Way::kTested && f.views == 1 && !ranges;
+  s->spread = kSpread;
   if (s->in_turns) {  // places for kEven's blocks are as many warps for these
     const int64_t held = (int64_t)resident * block_warps(Way::kEven) / block_warps(Way::kTested);
     s->blocks = (uint32_t)min_of(held, grid_blocks(f.count, block_threads(Way::kTested)));
+    while (std::gcd(s->spread, s->blocks) > 1) ++s->spread;
   } else {
     s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
   }
@@ -139,7 +153,8 @@ cudaError_t with_way(Way way, const Launch& launch) {
     case Way::kTogether: return launch(WayOf<Way::kTogether>());
     case Way::kEven: return launch(WayOf<Way::kEven>());
     case Way::kApart: return launch(WayOf<Way::kApart>());
-    default: return launch(WayOf<Way::kTested>());
+    case Way::kTested: return launch(WayOf<Way::kTested>());
+    default: return launch(WayOf<Way::kAllOrFew>());
   }
 }
 
@@ -194,9 +209,12 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
     share.step = (int32_t)(blocks << s.log_neighbours);
     share.count = all - before;
   } else {
-    // In turns, neighbours in the list are drawn by different blocks: a multiprocessor whose warps draw onto the same part
-    // of the image takes longer.
-    if (s.in_turns) share.apart = (int32_t)blocks * kWarp;
+    // In turns, neighbours in the list are drawn by blocks far from each other: a multiprocessor whose warps draw onto the
+    // same part of the image takes longer.
+    if (s.in_turns) {
+      share.apart = (int32_t)blocks * kWarp;
+      block = block * s.spread % blocks;
+    }
     const int32_t before = (int32_t)block * (s.in_turns ? kWarp : s.each);
     share.first += before;
     share.step = s.in_turns ? (int32_t)blocks * block_threads(kWay) : block_threads(kWay);
