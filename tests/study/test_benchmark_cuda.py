@@ -588,7 +588,9 @@ def test_turns_reverse(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = {name: functools.partial(order.append, name) for name in "abc"}
     times = cuda_clock.take_turns(cuda_clock.WallClock(), calls, 0)
     lengths = {"a": cuda_clock.TURN, "b": cuda_clock.SLOW_TURN, "c": cuda_clock.TURN}
-    assert "".join(order) == "abc" + "".join(name * lengths[name] for name in "abccbaabc")
+    assert "".join(order) == "abc" + "".join(
+        name * (1 + lengths[name]) for name in "abccbaabc"
+    )  # the first of a turn does not count
     assert {name: [len(us) for us in rounds] for name, rounds in times.items()} == {n: [k] * 3 for n, k in lengths.items()}
 
 
