@@ -64,7 +64,7 @@ switch_stack:
 namespace {
 
 constexpr int kWarp = 32, kMostThreads = 1024, kProcessors = 2;
-constexpr size_t kStackBytes = (256 << 10) + 4096 + 320, kPage = 4096;
+constexpr size_t kStackBytes = 256 << 10, kPage = 4096;
 
 struct Thread {
   void* at = nullptr;  // where its stack was left
@@ -150,7 +150,7 @@ void wait(const char* file, int line) {
 }
 
 void start(int thread) {
-  // The stacks' ends lie in different sets of the caches, of addresses and of memory: threads take turns.
+  // Threads take turns, and a cache holds more of the stacks' ends if these are not all equally far into a page.
   constexpr size_t kStride = kStackBytes + kPage + 320;
   static char* const stacks = static_cast<char*>(mmap(nullptr, kMostThreads * kStride, PROT_READ | PROT_WRITE,
                                                       MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0));
@@ -228,6 +228,7 @@ class Memory {
   Memory(size_t bytes, int fill) : bytes_((bytes + 15) / 16 * 16), pages_((bytes_ + kPage - 1) / kPage * kPage) {
     if (const auto after = left_.upper_bound(pages_); after != left_.begin() && std::prev(after)->first == pages_) {
       base_ = left_.extract(std::prev(after)).mapped();
+      mprotect(base_ + kPage, pages_, PROT_READ | PROT_WRITE);
     } else {
       base_ = static_cast<char*>(
           mmap(nullptr, pages_ + 2 * kPage, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
@@ -238,6 +239,7 @@ class Memory {
   }
   Memory(const Memory&) = delete;
   ~Memory() {
+    mprotect(base_ + kPage, pages_, PROT_NONE);  // a pointer to it that is left somewhere points to nothing
     left_.emplace(pages_, base_);
     if (left_.size() <= kMostLeft) return;
     const auto largest = std::prev(left_.end());
@@ -420,6 +422,8 @@ cudaError_t cudaGraphExecKernelNodeSetParams(cudaGraphExec_t exec, cudaGraphNode
 }
 cudaError_t cudaGraphLaunch(cudaGraphExec_t exec, cudaStream_t) {
   ++graphs_launched;
+  for (size_t i = 0; i < exec->kernels.size(); ++i)
+    if (!may_be(exec->kernels[i].gridDim)) return cudaErrorInvalidConfiguration;
   for (size_t i = 0; i < exec->kernels.size(); ++i)
     run_grid(exec->kernels[i].gridDim, exec->kernels[i].blockDim, exec->kernels[i].sharedMemBytes, exec->bodies[i]);
   return cudaSuccess;

@@ -155,6 +155,9 @@ Bind bind_of(void (*kernel)(Parameters...), std::index_sequence<kOrder...>) {
   };
 }
 
+// Whether a grid may have these dimensions.
+inline bool may_be(dim3 grid) { return grid.x > 0 && grid.y > 0 && grid.z > 0 && grid.y < 1 << 16 && grid.z < 1 << 16; }
+
 // Whether a kernel may have so much dynamic shared memory.
 bool may_have(const void* kernel, size_t shared_bytes);
 
@@ -162,6 +165,7 @@ template <class... Parameters, class... Arguments>
 cudaError_t run_configured(const cudaLaunchConfig_t* c, void (*kernel)(Parameters...), Arguments... arguments) {
   kernels_seen[reinterpret_cast<const void*>(kernel)] = bind_of(kernel, std::index_sequence_for<Parameters...>());
   if (!may_have(reinterpret_cast<const void*>(kernel), c->dynamicSmemBytes)) return cudaErrorInvalidValue;
+  if (!may_be(c->gridDim)) return cudaErrorInvalidConfiguration;
   run_grid(c->gridDim, c->blockDim, c->dynamicSmemBytes, [&] { kernel(arguments...); });
   return cudaSuccess;
 }

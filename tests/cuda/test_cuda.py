@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import test_capacity
 import torch
-from cases import CASES, Case
+from cases import CASES, Case, random_corners, soup
 from cuda_bits import (
     DEVICE,
     PATHS,
@@ -91,13 +91,33 @@ def test_benchmark_scenes(name, size, variant):
 
 @pytest.mark.parametrize(
     ("name", "size", "seed"),
-    [("S5", (1080, 1920), 0), ("S5", (1080, 1920), 7), ("S6", (1080, 1920), 0), ("S7", (567, 1000), 0), ("S7", (1080, 1920), 3)],
+    [
+        ("S5", (1080, 1920), 0),
+        ("S5", (1080, 1920), 7),
+        ("S6", (1080, 1920), 0),
+        ("S6", (256, 256), 0),
+        ("S7", (567, 1000), 0),
+        ("S7", (1080, 1920), 3),
+    ],
 )
 def test_scenes_of_many_triangles(name, size, seed, variant):
     scene = Scene(name, seed, size)
     for path in [p for p in paths_of(variant) if p in ("default", "apart", "tested") or name == "S5"]:
-        with native.using_parameters(**PATHS[path]):
-            assert_same(expected(scene), draw(scene, variant=variant), (scene, path))
+        for cull in ("none", "back") if size == (256, 256) else ("none",):
+            with native.using_parameters(**PATHS[path]):
+                assert_same(expected(scene, cull), draw(scene, variant=variant, cull=cull), (scene, path, cull))
+
+
+@pytest.mark.parametrize("blocks", [34, 35, 36])
+@pytest.mark.parametrize("variant", ["bin_owned", "two_stage"])
+def test_triangles_in_turns_of_so_many_blocks(variant, blocks):
+    """Blocks begin far from each other in the list, so far that each has its own share."""
+    corners = random_corners(np.random.default_rng(blocks), 128 * blocks, 0.9)
+    corners[::5, 1, 2] = np.nan  # dropped, and counted once
+    case = soup(corners, (70, 90))
+    arguments = [torch.from_numpy(a).to(DEVICE) for a in (case.positions, case.triangles)]
+    with native.using_parameters(**PATHS["tested"]):
+        assert_same(cpu_picture(case, "native"), bigtri.rasterize(*arguments, case.resolution, variant=variant), blocks)
 
 
 SCISSORS = {

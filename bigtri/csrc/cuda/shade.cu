@@ -14,14 +14,16 @@ namespace {
 // begin_frame makes tables, clips what has to be clipped, each triangle once, and where a triangle has many pixels on
 // average, it sets up all of them; where areas are listed (areas.h), fill_background makes a picture of nothing but
 // background. Both may run beside the frame's own kernels. Behind all these shade_listed finishes the areas that are
-// listed, or shade_all all areas, a pixel of the picture a lane, with all of its samples. Pixels of a clipped triangle for
+// listed, or shade_all the whole picture, a pixel of the picture a lane, with all of its samples. Pixels of a clipped triangle for
 // which there was no memory are left to shade_left, which ends at once where there are none.
 
 // Of a large picture, much of which may be background, a warp takes several words together.
 constexpr int kWordsOfLarge = 4;
 constexpr int64_t kPixelsOfLarge = 4 << 20;
-// Of whole areas that a launch is for, twice what one view can have; layers of a grid.
-constexpr int kSamplesAtOnce = 1 << 29, kViewsAtOnce = 65535;
+// Of whole areas that a launch is for, twice what one view can have.
+constexpr int kSamplesAtOnce = 1 << 29;
+// As many layers as a grid can have.
+constexpr int kViewsAtOnce = 65535;
 
 // The areas of some views of the picture.
 Areas picture_areas(const Shading& job, int64_t views, void* memory) {

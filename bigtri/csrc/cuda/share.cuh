@@ -186,7 +186,7 @@ struct Drawing {
   ShareShared<kWay>* const shared;
 
   // Sets up triangle t of each lane below `count`, or of warp 0's where they are drawn together, and draws them; what is
-  // too wide for rows goes to `rest`. Returns how many of them may cover a pixel. By all lanes, or all threads of a block
+  // too wide for rows goes to `rest`. Returns how many of them have a pixel centre in their boxes, or are clipped. By all lanes, or all threads of a block
   // that draws together.
   template <class Rest>
   __device__ __forceinline__ int draw(int32_t t, int count, const Rest& rest) const {
@@ -266,8 +266,8 @@ struct Drawing {
 };
 
 // Tested: draws the warp's triangles from `begin` on, up to `end`. All or few: where most of 32 show, it draws the next 32
-// as they are, with no list in between, until fewer do. Warps of a multiprocessor that go different ways hold each other
-// up, so that this is not for triangles of which every other one shows. By all lanes.
+// as they are, with no list in between, until fewer do. The host chooses that where few or nearly all show: warps of a
+// multiprocessor that take turns between both loops hold each other up. By all lanes.
 template <Way kWay, class Rest>
 __device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_t begin, int32_t end, Search* search,
                                             const Rest& rest) {
@@ -275,12 +275,12 @@ __device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_
   search->begin(begin, true);
 #pragma unroll 1
   do {
-    const int32_t next = reread(search->next);
-    if (kWay == Way::kTested || reread(search->test) || next >= end) {
+    if (kWay == Way::kTested || reread(search->test) || reread(search->next) >= end) {
       const int count = find_waiting(drawing.f, drawing.own_projected, step, end, search);
       drawing.draw(search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))], count, rest);
     } else {
-      const int shown = drawing.draw(next + lane_id(), min_of(kWarp, end - next), rest);
+      const int32_t next = reread(search->next), count = min_of(kWarp, end - next);
+      const int shown = drawing.draw(next + min_of(lane_id(), count - 1), count, rest);
       if (lane_id() == 0) {
         search->next += min_of(step, end - search->next);
         search->test = shown < kMostlyShown;

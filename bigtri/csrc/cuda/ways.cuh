@@ -41,7 +41,7 @@ constexpr Way way_of(int64_t each) {
   return each <= kWarp ? Way::kTogether : each == kOfEven ? Way::kEven : each == kOfApart ? Way::kApart : Way::kTested;
 }
 
-constexpr uint32_t kSpread = 37;  // Sharing::spread, or a little more
+constexpr uint32_t kSpread = 35;  // the least Sharing::spread
 
 struct Sharing {
   Way way;
@@ -84,7 +84,12 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
                                   : pixels > kTinyPixels && total <= resident * kOfEven * kTurns;
     return even ? kOfEven : kOfApart;
   }
-  return (int)min_of<int64_t>(kWarp, max_of<int64_t>(4, (total + resident - 1) / resident));
+  const auto blocks = [&](int64_t each) {  // each view has its own
+    return f.ranges ? (total + each - 1) / each : (f.count + each - 1) / each * f.views;
+  };
+  int each = 4;  // as few as make one turn
+  while (each < kWarp && blocks(each) > resident) ++each;
+  return each;
 }
 
 // Log2 of how many of a block's triangles lie next to each other in the list, where warps have their own. Those in a row
@@ -123,7 +128,8 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   s->each = each > 0 ? (int)each : share_size(f, resident, projected);
   s->way = way_of(s->each);
   s->in_turns = s->way == Way::kTested && f.views == 1 && !ranges;
-  if (s->in_turns && pixels_each(f) <= kLeastPixels) s->way = Way::kAllOrFew;
+  // Where faces are culled, half of those that show are not drawn, and nearly all never are.
+  if (s->in_turns && pixels_each(f) <= kLeastPixels && f.view.cull == kCullNone) s->way = Way::kAllOrFew;
   s->log_neighbours = log_neighbours(f, s->way, resident);
   s->own_pixels = own_pixels(f);
   s->spread = kSpread;
@@ -159,8 +165,8 @@ cudaError_t with_way(Way way, const Launch& launch) {
 }
 
 // A block's share of a view's triangles. Together: first, first + step, ..., `count` of them. Even and apart: groups of
-// neighbours that begin at first, first + step, ..., as far as `count` reaches from the first triangle. Tested: the same,
-// groups of 32 of each warp, the first ones so far from each other.
+// neighbours that begin at first, first + step, ..., as far as `count` reaches from the first triangle. Tested: warp w has
+// groups of 32 that begin at first + w * apart, and at every `step` from there.
 struct Share {
   int32_t view, first, step, count, apart;
 };
