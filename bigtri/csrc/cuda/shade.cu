@@ -14,8 +14,8 @@ namespace {
 // begin_frame makes tables, clips what has to be clipped, each triangle once, and where a triangle has many pixels on
 // average, it sets up all of them; where areas are listed (areas.h), fill_background makes a picture of nothing but
 // background. Both may run beside the frame's own kernels. Behind all these shade_listed finishes the areas that are
-// listed, or shade_all the whole picture, a pixel of the picture a lane, with all of its samples. Pixels of a clipped triangle for
-// which there was no memory are left to shade_left, which ends at once where there are none.
+// listed, or shade_all the whole picture, a pixel a lane, with all of its samples. Pixels of a clipped triangle for which
+// there was no memory are left to shade_left, which ends at once where there are none.
 
 // Of a large picture, much of which may be background, a warp takes several words together.
 constexpr int kWordsOfLarge = 4;

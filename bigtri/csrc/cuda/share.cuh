@@ -186,8 +186,8 @@ struct Drawing {
   ShareShared<kWay>* const shared;
 
   // Sets up triangle t of each lane below `count`, or of warp 0's where they are drawn together, and draws them; what is
-  // too wide for rows goes to `rest`. Returns how many of them have a pixel centre in their boxes, or are clipped. By all lanes, or all threads of a block
-  // that draws together.
+  // too wide for rows goes to `rest`. Returns how many of them have a pixel centre in their boxes, or have to be clipped.
+  // By all lanes, or all threads of a block that draws together.
   template <class Rest>
   __device__ __forceinline__ int draw(int32_t t, int count, const Rest& rest) const {
     WarpShared* const s = &shared->warp[warp];
