@@ -36,12 +36,13 @@ __global__ void __launch_bounds__(kClearThreads, 4) clear_frame(const __grid_con
   for (int64_t v = thread; v < f.views; v += threads) f.dropped[v] = 0;
   if (f.areas) return;
   // From the end to the beginning: triangles mostly come from the top of the image, which then is what the cache still
-  // holds.
+  // holds. Stored as what the cache gives up first, before pixels that triangles have been drawn onto.
   const int64_t n = f.views * ((int64_t)f.view.width * f.view.height);
   if (((uintptr_t)f.packed & 15) == 0) {
     longlong2* const pairs = reinterpret_cast<longlong2*>(f.packed);
 #pragma unroll 4
-    for (int64_t i = n / 2 - 1 - thread; i >= 0; i -= threads) pairs[i] = make_longlong2(kBackground, kBackground);
+    for (int64_t i = n / 2 - 1 - thread; i >= 0; i -= threads)
+      __stcs(pairs + i, make_longlong2(kBackground, kBackground));
     if (thread == 0 && n % 2) f.packed[n - 1] = kBackground;
   } else {
     for (int64_t i = n - 1 - thread; i >= 0; i -= threads) f.packed[i] = kBackground;
