@@ -16,7 +16,7 @@ import cuda_on_cpu
 import numpy as np
 import pytest
 import torch
-from cases import CASES, Case, random_corners, soup
+from cases import CASES, Case, from_pixels, random_corners, soup
 from cuda_bits import CONSTRUCTIONS, EVERY, PATHS, VALUES, that_differ, values_of
 from cuda_on_cpu import TOGETHER, VARIANTS, Job
 from exhaustive import exhaustive
@@ -425,8 +425,8 @@ def counting_kernels() -> ctypes.CDLL:
     return cuda_on_cpu.build_counting(Path(tempfile.mkdtemp(dir=cuda_on_cpu.workspace().name)) / "counting")
 
 
-def counted(name: str, variant: str, settings: dict[str, int], room: int = 4096) -> Counted:
-    case = case_of(name)
+def counted(name: str | Case, variant: str, settings: dict[str, int], room: int = 4096) -> Counted:
+    case = case_of(name) if isinstance(name, str) else name
     every, _ = reference.setup(case.positions, case.triangles, *case.resolution)
     model = map_work(*case, variant="scanline", backend="reference")
     found, fragments = np.zeros(len(native.COUNTERS), np.int64), np.zeros(model.fragments.shape, np.int64)
@@ -560,6 +560,35 @@ def test_counters_of_rows() -> None:
         found.assert_bounds()
         how = way["widest"], way["share"] == 32, record_bytes(EXACT)
         counted_work.check_rows(variant, found.of, case_of(name), found.set_up, *how)
+
+
+@pytest.mark.parametrize(
+    ("resolution", "wide", "waiting"),
+    [
+        ((400, 400), ((2, 0), (1, 3), (0, 4), (4, 0)), 6),  # 45,056 px of a block's four
+        ((160, 200), ((4, 0), (3, 1), (0, 4)), 4),  # an image of few patches: 90,112
+    ],
+)
+def test_wide_triangles_wait_where_a_block_has_many(
+    resolution: tuple[int, int], wide: tuple[tuple[int, int], ...], waiting: int
+) -> None:
+    """Boxes of 152 px count, and those of 96 do not. wide: how many of each some blocks have; all the others are small."""
+    blocks, each = 65, 4
+    side = np.full((each, blocks), 2.0)
+    for block, (of_152, of_96) in enumerate(wide):
+        side[:of_152, block] = 152
+        side[of_152 : of_152 + of_96, block] = 96
+    side = side.reshape(-1, 1)
+    rng = np.random.default_rng(len(wide))
+    corner = rng.uniform(0, 1, (len(side), 2)) * ([resolution[1], resolution[0]] - side - 1)
+    xy = corner[:, None] + side[:, None] * np.array([[0, 0], [1, 0.25], [0.5, 1]])
+    case = from_pixels(xy, rng.uniform(0.1, 0.9, (len(side), 3)), resolution)
+    settings = {"few": 0, "share": each}
+    found = counted(case, "bin_owned", settings)
+    found.assert_bounds()
+    assert (found.of["by_tiles"], found.of["records"]) == (waiting, blocks * each)
+    assert counted(case, "bin_owned", {**settings, "widest": 192}).of["by_tiles"] == 0, "the caller's limit is the only one"
+    assert counted(case, "two_stage", {"share": each}).of["by_tiles"] == 0
 
 
 @exhaustive

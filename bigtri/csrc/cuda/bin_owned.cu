@@ -189,7 +189,7 @@ struct Rows {
   Vertex* projected;  // the vertices of all views, or null
   ViewRange* ranges;  // of each view, or null if all draw the same triangles
   Sharing sharing;
-  int widest;  // px; a triangle with a longer side of its bbox waits
+  RowLimits limits;  // what is beyond them waits
 };
 
 Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
@@ -236,7 +236,7 @@ __global__ void __launch_bounds__(block_threads(kWay), blocks_held(kWay))
     draw_by_rows(const __grid_constant__ Frame f, const __grid_constant__ Rows r) {
   __shared__ ShareShared<kWay> shared;
   let_next_begin();
-  draw_share<kWay>(f, r.sharing, r.projected, r.widest, &shared, [&](int32_t view, const Record* records, int count) {
+  draw_share<kWay>(f, r.sharing, r.projected, r.limits, &shared, [&](int32_t view, const Record* records, int count) {
     wait_or_draw(f, r.waiting, view, records, count);
   });
 }
@@ -273,7 +273,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   const Way way = r.sharing.way;
   if (way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
-  r.widest = widest_rows(f, way, v.widest);
+  r.limits = {widest_rows(f, way, v.widest), most_wide(f, r.sharing.each, v.widest)};
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);
   }));

@@ -110,8 +110,14 @@ struct Filed {
 // Puts the lanes' primitives in their places in shared memory; have: whether this lane has one. By all lanes; ends with
 // a barrier of the warp.
 __device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_t triangle, int32_t view, bool have,
-                                      int widest, WarpShared* s) {
-  const bool by_rows = have && fits_rows(p, widest);
+                                      const RowLimits& limits, WarpShared* s) {
+  bool by_rows = have && fits_rows(p, limits.widest);
+  const int width = p.x1 - p.x0, height = p.y1 - p.y0;
+  const bool wide = by_rows && max_of(width, height) > kWide;
+  if (__any_sync(kAllLanes, wide)) {
+    const int pixels = __shfl_sync(kAllLanes, warp_sum_up_to(wide ? width * height : 0), kWarp - 1);
+    by_rows &= !wide || pixels <= limits.most_wide;
+  }
   const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, have && !by_rows);
   count_work(f, Counter::records, by_rows);
   count_work(f, Counter::by_rows, by_rows);
@@ -127,23 +133,25 @@ __device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_
 
 // Files the `count` primitives that were left over. By all lanes. Rarely called, so that its registers cost the small
 // ones nothing.
-__device__ __noinline__ Filed file_left(const Frame& f, int32_t view, int count, int widest, WarpShared* s) {
+__device__ __noinline__ Filed file_left(const Frame& f, int32_t view, int count, const RowLimits& limits,
+                                        WarpShared* s) {
   const bool have = lane_id() < count;
   const Left& left = s->left[have ? lane_id() : 0];
   const Primitive p = left.primitive();
   const int32_t t = left.t;
   __syncwarp();
-  return file(f, p, f.first_triangle + t, view, have, widest, s);
+  return file(f, p, f.first_triangle + t, view, have, limits, s);
 }
 
 // Clips triangle t of a view and files the parts. By all lanes. Rarely called, so that its registers cost the others
 // nothing.
-__device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_t t, int widest, WarpShared* s) {
+__device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_t t, const RowLimits& limits,
+                                            WarpShared* s) {
   __syncwarp();
   Primitive part;
   const bool have = clip_part(f, view, t, &s->clip, &part);
   __syncwarp();
-  return file(f, part, f.first_triangle + t, view, have, widest, s);
+  return file(f, part, f.first_triangle + t, view, have, limits, s);
 }
 
 // Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
@@ -182,7 +190,8 @@ struct Drawing {
   const Vertex* own_projected;  // of the view, or null
   const int64_t first_vertex;  // of the view
   const FramePixel pixels;
-  const int widest, warp;
+  const RowLimits& limits;
+  const int warp;
   ShareShared<kWay>* const shared;
 
   // Sets up triangle t of each lane below `count`, or of warp 0's where they are drawn together, and draws them; what is
@@ -222,9 +231,9 @@ struct Drawing {
         count_work(f, Counter::records, small);
         count_work(f, Counter::by_rows, small);
         draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
-        if (left) filed = file_left(f, share.view, __popc(left), widest, s);
+        if (left) filed = file_left(f, share.view, __popc(left), limits, s);
       } else if (__any_sync(kAllLanes, have)) {
-        filed = file(f, p, f.first_triangle + t, share.view, have, widest, s);
+        filed = file(f, p, f.first_triangle + t, share.view, have, limits, s);
       }
     }
     if (kTogether) {
@@ -256,7 +265,7 @@ struct Drawing {
       if (!clip) break;
       const int number = __ffs(clip) - 1;
       filed = clip_and_file(
-          f, share.view, kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), widest, s);
+          f, share.view, kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), limits, s);
       clip &= clip - 1;
       all_draw = false;
     }
@@ -294,8 +303,8 @@ __device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_
 // all lanes of a warp call after the kernels in front have ended. Parts of clipped triangles take the same way as whole
 // triangles. projected: the vertices of all views, or null. By all threads of a block.
 template <Way kWay, class Rest>
-__device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected, int widest,
-                                           ShareShared<kWay>* shared, const Rest& rest) {
+__device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected,
+                                           const RowLimits& limits, ShareShared<kWay>* shared, const Rest& rest) {
   constexpr bool kTogether = kWay == Way::kTogether;
   const int warp = computed_here((int)(threadIdx.x / kWarp));
   const Share share = share_of<kWay>(f, sharing);
@@ -304,7 +313,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   const int64_t first_vertex = share.view * (f.view_stride / 4);
   const Drawing<kWay> drawing = {
       f,      sharing, share, projected ? projected + first_vertex : nullptr, first_vertex, first_pixel(f, share.view),
-      widest, warp,    shared};
+      limits, warp,    shared};
   if constexpr (kTogether) {
     // Each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of warp 0
     // is where the triangles end up.

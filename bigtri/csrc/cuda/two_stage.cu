@@ -39,10 +39,10 @@ constexpr int kThreads = 256;
 template <Way kWay>
 __global__ void __launch_bounds__(block_threads(kWay), blocks_held(kWay))
     set_up_and_enqueue(const __grid_constant__ Frame f, const __grid_constant__ PairQueue q,
-                       const __grid_constant__ Sharing s, int widest) {
+                       const __grid_constant__ Sharing s, const __grid_constant__ RowLimits limits) {
   __shared__ ShareShared<kWay> shared;
   let_next_begin();
-  draw_share<kWay>(f, s, q.set_up.projected, widest, &shared,
+  draw_share<kWay>(f, s, q.set_up.projected, limits, &shared,
                    [&](int32_t, const Record* records, int count) { queue_or_draw(f, q, records, count); });
 }
 
@@ -69,7 +69,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, PairQueue q, cudaStream
     if (f.count > 0)
       BIGTRI_CUDA(with_way(way, [&](auto of) {
         return launch_next(set_up_and_enqueue<of.value>, blocks, block_threads(of.value), 0, stream, f, q, sharing,
-                           widest_rows(f, way, v.widest));
+                           RowLimits{widest_rows(f, way, v.widest), INT32_MAX});
       }));
   }
   return cudaSuccess;

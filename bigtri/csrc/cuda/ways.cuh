@@ -103,16 +103,35 @@ inline int log_neighbours(const Frame& f, Way way, int64_t resident) {
 }
 static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 
-// Longest side of what is drawn by rows, px. Warps that are left alone with their triangles take no large ones. Nor do
-// the blocks of a few triangles, where most of the device has nothing to do. Where an image has many pixels, what waits
-// for blocks that own them takes long to begin.
-constexpr int64_t kFewTriangles = 256, kHugeImage = 1 << 22;  // px
+// What is drawn by rows: nothing with a side above `widest` px; and of the triangles that are set up together none with
+// a side above kWide px if the boxes of these have more than `most_wide` pixels. A row costs an atomic a pixel, and a
+// block draws it alone.
+struct RowLimits {
+  int widest, most_wide;
+};
+constexpr int kWide = 96;  // px
+
+// Warps that are left alone with their triangles take no large ones. Nor do the blocks of a few triangles, where most of
+// the device has nothing to do. Where an image has few pixels, or very many, what waits for blocks that own them takes
+// long to begin. wanted: the caller's, or 0.
+constexpr int64_t kFewTriangles = 256, kSmallImage = 1 << 19, kHugeImage = 1 << 22;  // px
 inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
   if (way == Way::kApart || tests(way) || pixels_each(f) > kLargePixels) return 64;
-  if (triangles_of_all(f) <= kFewTriangles && pixels <= 1 << 19) return 96;
-  return pixels > kHugeImage ? 256 : 192;
+  if (triangles_of_all(f) <= kFewTriangles && pixels <= kSmallImage) return 96;
+  return pixels <= kSmallImage || pixels > kHugeImage ? 256 : 192;
+}
+
+// RowLimits::most_wide where what waits is drawn by patches, which cost little for each pixel, but much to begin with:
+// so large triangles wait only where a block's, spread over the mesh, say that there are many. Fewer patches than the
+// device has multiprocessors take longer. each: triangles of a block. widest: as the caller wants it, or 0.
+constexpr int kMostWide = 1 << 16, kMostWideEach = 11 << 10;  // px
+constexpr int64_t kFewPatches = 1 << 17;  // px
+inline int most_wide(const Frame& f, int each, int64_t widest) {
+  if (widest > 0) return INT32_MAX;
+  const int for_each = kMostWideEach * min_of(each, kWarp);
+  return (int64_t)f.view.width * f.view.height < kFewPatches ? 2 * for_each : min_of(for_each, kMostWide);
 }
 
 // Sharing::own_pixels. Below that a warp is sooner done than the others can begin to help.
