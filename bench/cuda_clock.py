@@ -21,7 +21,7 @@ import platform
 import re
 import subprocess
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple, Protocol
 
 import torch
@@ -177,8 +177,8 @@ def _enqueued(call: Call, seconds: float, wait: Call) -> list[float]:
     return us
 
 
-def take_turns(clock: Clock, replays: dict[str, Call], seconds: float) -> dict[str, list[list[float]]]:
-    """Microseconds [name][round][repeat] of rounds for about `seconds`.
+def take_turns(clock: Clock, replays: Mapping[str, Call], seconds: float, rounds: int = ROUNDS) -> dict[str, list[list[float]]]:
+    """Microseconds [name][round][repeat] of rounds for about `seconds`, and of so many at least.
 
     In a round everyone replays its turn, one after the other, in an order that reverses every round, so that a change of the
     clocks meets all of them.
@@ -187,7 +187,7 @@ def take_turns(clock: Clock, replays: dict[str, Call], seconds: float) -> dict[s
     turns = {name: TURN if clock.once(replay) < SLOW / 10 else SLOW_TURN for name, replay in replays.items()}
     end = time.perf_counter() + seconds
     number = 0
-    while number < ROUNDS or time.perf_counter() < end:
+    while number < rounds or time.perf_counter() < end:
         for name in list(replays) if number % 2 == 0 else reversed(list(replays)):
             times[name].append(clock.times(replays[name], turns[name]))
         number += 1

@@ -524,10 +524,24 @@ class PacedClock(FakeClock):
         return [self.us_of[replay.args[0]]] * count
 
 
-def contest(us: dict[str, float]):
+class SettlingClock(PacedClock):
+    """Auto takes twice as long in the first turns."""
+
+    def __init__(self, us: dict[str, float]) -> None:
+        super().__init__(us)
+        self.turns = 0
+
+    def times(self, replay, count: int) -> list[float]:
+        self.turns += replay.args[0] == "auto"
+        return [
+            us * (1 + (replay.args[0] == "auto" and self.turns <= 1 + cuda_clock.ROUNDS)) for us in super().times(replay, count)
+        ]
+
+
+def contest(us: dict[str, float], kind=PacedClock):
     case = case_of(scenes.make("S2", 1280, 720), 320, 240)
     every = [cuda_cases.AUTO, *(cuda_cases.Way(name, "", {}) for name in us if name != "auto")]
-    found = best.Contest(PacedClock(us), None, HERE, every, 0)
+    found = best.Contest(kind(us), None, HERE, every, 0)
     found.case(case)
     return found
 
@@ -535,8 +549,8 @@ def contest(us: dict[str, float]):
 def test_auto_against_the_best() -> None:
     found = contest({"auto": 20, "bin_owned": 15, "scanline": 40})
     assert [(r.variant, r.us_median, r.repeats, r.wrong_pixels) for r in found.rows] == [
-        ("auto", 20, cuda_clock.ROUNDS * cuda_clock.TURN, 0),
-        ("bin_owned", 15, cuda_clock.ROUNDS * cuda_clock.TURN, 0),
+        ("auto", 20, best.AGAIN * cuda_clock.ROUNDS * cuda_clock.TURN, 0),  # those that are ahead, and auto, once more
+        ("bin_owned", 15, best.AGAIN * cuda_clock.ROUNDS * cuda_clock.TURN, 0),
         ("scanline", 40, 1, 0),  # more than twice the fastest: it takes no turns
     ]
     [verdict] = found.verdicts
@@ -547,14 +561,30 @@ def test_auto_against_the_best() -> None:
     assert (ahead.name, ahead.ratio, ahead.marked) == ("bin_owned", pytest.approx(1 / 6), False)
 
 
+def test_ahead_by_chance() -> None:
+    """What is ahead in the first turns alone is not; the others keep the times of theirs."""
+    found = contest({"auto": 20, "bin_owned": 21, "scanline": 50, "two_stage": 38}, SettlingClock)
+    [verdict] = found.verdicts
+    assert (verdict.name, verdict.auto, verdict.ratio, verdict.marked) == ("bin_owned", 20, pytest.approx(20 / 21), False)
+    assert [(row.variant, row.us_median, row.ratio) for row in found.rows] == [
+        ("auto", 20, None),
+        ("bin_owned", 21, pytest.approx(20 / 21)),
+        ("scanline", 50, None),
+        ("two_stage", 38, pytest.approx(40 / 38)),
+    ]
+
+
 @pytest.mark.parametrize(
     "auto, rival, marked", [(11.2, 10, True), (10.9, 10, False), (3.9, 3, False), (4.1, 3, True), (9, 10, False)]
 )
 def test_what_is_marked(auto: float, rival: float, marked: bool) -> None:
     job = cuda_clock.Job("S1", 64, 64, 1)
-    found = best.verdict(job, {"auto": [[auto] * 3] * 3, "x": [[rival] * 3] * 3, "memset": [[1.0]]})
+    times = {"auto": [[auto] * 3] * 3, "x": [[rival] * 3] * 3, "memset": [[1.0]] * 3}
+    found = best.verdict(job, times, best.ratios(times))
     assert found is not None and found.marked is marked and found.memset == 1.0
-    assert best.verdict(job, {"auto": [[auto]], "memset": [[1.0]]}) is None
+    assert best.ratios({"x": [[rival]]}) == {} and best.verdict(job, {"x": [[rival]]}, {}) is None
+    alone = {"auto": [[auto]], "memset": [[1.0]]}
+    assert best.verdict(job, alone, best.ratios(alone)) is None
 
 
 def test_the_best_on_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
