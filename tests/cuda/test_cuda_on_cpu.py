@@ -562,31 +562,39 @@ def test_counters_of_rows() -> None:
         counted_work.check_rows(variant, found.of, case_of(name), found.set_up, *how)
 
 
+LARGE, MIDDLE = 130, 96  # px, sides of boxes of which a triangle covers 7,394 px, which count, and 4,032, which do not
+
+
 @pytest.mark.parametrize(
-    ("resolution", "wide", "waiting"),
+    ("resolution", "blocks", "waiting"),
     [
-        ((400, 400), ((2, 0), (1, 3), (0, 4), (4, 0)), 6),  # 45,056 px of a block's four
-        ((160, 200), ((4, 0), (3, 1), (0, 4)), 4),  # an image of few patches: 90,112
+        ((400, 400), ((LARGE, LARGE), (LARGE, MIDDLE, MIDDLE, MIDDLE), (MIDDLE,) * 4, (LARGE,) * 4), 6),  # 8,192 px of four
+        ((160, 200), ((LARGE, LARGE, LARGE), (LARGE, LARGE, MIDDLE, MIDDLE)), 3),  # an image of few patches: 16,384
     ],
 )
-def test_wide_triangles_wait_where_a_block_has_many(
-    resolution: tuple[int, int], wide: tuple[tuple[int, int], ...], waiting: int
+def test_large_triangles_wait_where_a_block_has_many(
+    resolution: tuple[int, int], blocks: tuple[tuple[int, ...], ...], waiting: int
 ) -> None:
-    """Boxes of 152 px count, and those of 96 do not. wide: how many of each some blocks have; all the others are small."""
-    blocks, each = 65, 4
-    side = np.full((each, blocks), 2.0)
-    for block, (of_152, of_96) in enumerate(wide):
-        side[:of_152, block] = 152
-        side[of_152 : of_152 + of_96, block] = 96
-    side = side.reshape(-1, 1)
-    rng = np.random.default_rng(len(wide))
-    corner = rng.uniform(0, 1, (len(side), 2)) * ([resolution[1], resolution[0]] - side - 1)
-    xy = corner[:, None] + side[:, None] * np.array([[0, 0], [1, 0.25], [0.5, 1]])
-    case = from_pixels(xy, rng.uniform(0.1, 0.9, (len(side), 3)), resolution)
+    """blocks: sides of triangles of some blocks, px. Others have thin ones as long as the large ones, and ones of which the
+    screen leaves a corner; all the rest are tiny."""
+    count, each = 65, 4
+    height, width = resolution
+    side = np.full((each, count), 2.0)
+    for block, sides in enumerate(blocks):
+        side[: len(sides), block] = sides
+    shape = np.broadcast_to([[0, 0], [1, 0.25], [0.5, 1]], (each, count, 3, 2)).copy()
+    thin, cut = len(blocks), len(blocks) + 1
+    side[:, thin], side[:, cut] = LARGE, 450
+    shape[:, thin] = [[0, 0], [1, 1], [0.98, 1]]
+    rng = np.random.default_rng(len(blocks))
+    corner = rng.uniform(0, 1, (each, count, 2)) * (np.array([width, height]) - np.where(side < 450, side, 0)[..., None] - 1)
+    corner[:, cut] = [width - 20, height - 15]
+    xy = corner[:, :, None] + side[..., None, None] * shape
+    case = from_pixels(xy.reshape(-1, 3, 2), rng.uniform(0.1, 0.9, (each * count, 3)), resolution)
     settings = {"few": 0, "share": each}
     found = counted(case, "bin_owned", settings)
     found.assert_bounds()
-    assert (found.of["by_tiles"], found.of["records"]) == (waiting, blocks * each)
+    assert (found.of["by_tiles"], found.of["records"]) == (waiting, each * count)
     assert counted(case, "bin_owned", {**settings, "widest": 192}).of["by_tiles"] == 0, "the caller's limit is the only one"
     assert counted(case, "two_stage", {"share": each}).of["by_tiles"] == 0
 

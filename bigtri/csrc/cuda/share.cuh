@@ -112,11 +112,12 @@ struct Filed {
 __device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_t triangle, int32_t view, bool have,
                                       const RowLimits& limits, WarpShared* s) {
   bool by_rows = have && fits_rows(p, limits.widest);
-  const int width = p.x1 - p.x0, height = p.y1 - p.y0;
-  const bool wide = by_rows && max_of(width, height) > kWide;
-  if (__any_sync(kAllLanes, wide)) {
-    const int pixels = __shfl_sync(kAllLanes, warp_sum_up_to(wide ? width * height : 0), kWarp - 1);
-    by_rows &= !wide || pixels <= limits.most_wide;
+  int pixels = 0;  // that it covers, about; of what the screen cuts no more than its box has
+  if (by_rows) pixels = min_of((p.x1 - p.x0) * (p.y1 - p.y0), (int)(p.area / (2 * kSubpixel * kSubpixel)));
+  const bool large = pixels > kLarge;
+  if (__any_sync(kAllLanes, large)) {
+    const int all = __shfl_sync(kAllLanes, warp_sum_up_to(large ? pixels : 0), kWarp - 1);
+    by_rows &= !large || all <= limits.most_large;
   }
   const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, have && !by_rows);
   count_work(f, Counter::records, by_rows);

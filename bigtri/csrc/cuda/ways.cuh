@@ -103,13 +103,13 @@ inline int log_neighbours(const Frame& f, Way way, int64_t resident) {
 }
 static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 
-// What is drawn by rows: nothing with a side above `widest` px; and of the triangles that are set up together none with
-// a side above kWide px if the boxes of these have more than `most_wide` pixels. A row costs an atomic a pixel, and a
-// block draws it alone.
+// What is drawn by rows: nothing with a side above `widest` px; and of the triangles that are set up together none that
+// covers more than kLarge pixels if those that do cover more than `most_large` together. A row costs an atomic a pixel,
+// and a block draws it alone.
 struct RowLimits {
-  int widest, most_wide;
+  int widest, most_large;
 };
-constexpr int kWide = 96;  // px
+constexpr int kLarge = 96 * 96 / 2;  // px
 
 // Warps that are left alone with their triangles take no large ones. Nor do the blocks of a few triangles, where most of
 // the device has nothing to do. Where an image has few pixels, or very many, what waits for blocks that own them takes
@@ -123,15 +123,15 @@ inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   return pixels <= kSmallImage || pixels > kHugeImage ? 256 : 192;
 }
 
-// RowLimits::most_wide where what waits is drawn by patches, which cost little for each pixel, but much to begin with:
+// RowLimits::most_large where what waits is drawn by patches, which cost little for each pixel, but much to begin with:
 // so large triangles wait only where a block's, spread over the mesh, say that there are many. Fewer patches than the
 // device has multiprocessors take longer. each: triangles of a block. widest: as the caller wants it, or 0.
-constexpr int kMostWide = 1 << 16, kMostWideEach = 11 << 10;  // px
+constexpr int kMostLarge = 1 << 15, kMostLargeEach = 1 << 11;  // px
 constexpr int64_t kFewPatches = 1 << 17;  // px
-inline int most_wide(const Frame& f, int each, int64_t widest) {
+inline int most_large(const Frame& f, int each, int64_t widest) {
   if (widest > 0) return INT32_MAX;
-  const int for_each = kMostWideEach * min_of(each, kWarp);
-  return (int64_t)f.view.width * f.view.height < kFewPatches ? 2 * for_each : min_of(for_each, kMostWide);
+  const int for_each = kMostLargeEach * min_of(each, kWarp);
+  return (int64_t)f.view.width * f.view.height < kFewPatches ? 2 * for_each : min_of(for_each, kMostLarge);
 }
 
 // Sharing::own_pixels. Below that a warp is sooner done than the others can begin to help.
