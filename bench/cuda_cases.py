@@ -27,7 +27,9 @@ from bigtri.study import meshes, scenes
 
 ASPECT = 16 / 9
 # By importance: where time runs out, the last ones are missing.
-SCENES = "R4k,R16k,Rcourtyard,Rterrain,Rroom,R16k-close,R16k-far,R100k,R100k-shuffled,R1M,R1M-shuffled,S1,S2,S3,S4f,S4b,S5,S6,S7"
+SCENES = (
+    "R4k,R16k,Rcourtyard,Rterrain,Rroom,R16k-close,R16k-far,R100k,R100k-shuffled,R1M,R1M-shuffled,S1,S2,S3,S4f,S4b,S5,S6,S7,S8"
+)
 SIZES = "256x256,640x480,1080p,4k"
 BATCH_SCENES = "R4k,R16k,R4k+R16k"
 BATCHES = "64x256x256,64x512x512,8x1024x1024,1024x64x64"  # views x height x width

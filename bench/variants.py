@@ -48,7 +48,7 @@ from bigtri.precision import DEFAULT
 from bigtri.study import clock, provenance, scenes, tune
 
 # Rroom and R16k are left for predictions, in all parts.
-SCENES = "R4k,R16k-close,R16k-far,R100k,R100k-shuffled,R1M,Rcourtyard,Rterrain,S1,S2,S3,S4f,S4b,S5,S6-200k,S7"
+SCENES = "R4k,R16k-close,R16k-far,R100k,R100k-shuffled,R1M,Rcourtyard,Rterrain,S1,S2,S3,S4f,S4b,S5,S6-200k,S7,S8"
 SIZES = "256x256,640x480,1080p,4k"
 SWEPT = "R100k,S2,S5"  # scenes on which parameters are swept
 APPROACHED = "R4k,R100k"  # meshes that are seen from all distances

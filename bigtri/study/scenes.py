@@ -26,6 +26,7 @@ The others are the same on every machine, and each holds one kind of triangle:
 | `S6`      | small mesh: 1,000,000 triangles of about 10 px                                     |
 | `S6-200k` | small mesh for CPUs: 200,000 triangles of about 20 px                              |
 | `S7`      | mixed: S2, then S6                                                                 |
+| `S8`      | middle-sized in random places: 2,000 triangles of 500 to 20,000 px                  |
 
 They are made in pixel space, x to the right and y **down**, pixel (row i, column j) centred at (j + 0.5, i + 0.5), z in (0,
 1) with the smaller z nearer and affine over the screen. x and y are `(k + 1/4) / 256` for an integer k: a quarter of a
@@ -341,6 +342,7 @@ DRAWN: dict[str, Drawn] = {
     "S6": Drawn("1M small triangles", lambda w, h, seed: small_mesh(1_000_000, w, h, seed + 60)),
     "S6-200k": Drawn("200k small triangles", lambda w, h, seed: small_mesh(200_000, w, h, seed + 60, MESH_CELL_200K)),
     "S7": Drawn("S2 and S6", lambda w, h, seed: joined(large(64, w, h, seed + 20), small_mesh(1_000_000, w, h, seed + 60))),
+    "S8": Drawn("2000 middle-sized triangles", lambda w, h, seed: large(2000, w, h, seed + 80, (500, 20_000))),
 }
 
 SCENES: dict[str, Drawn | Seen] = {**REAL, **DRAWN}

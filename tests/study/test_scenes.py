@@ -13,6 +13,7 @@ from bigtri.study import scenes
 
 SIZES = [(1920, 1080), (3840, 2160)]  # width, height, px
 COUNTS = {"S1": 8, "S2": 64, "S3": 32, "S4f": 200, "S4b": 200, "S5": 1000, "S6": 1_000_000, "S6-200k": 200_000, "S7": 1_000_064}
+COUNTS |= {"S8": 2000}
 
 # SHA-256 (first 16 digits) of x and y in pixel space, int32 in units of 1/1024 px: figures of different dates stay comparable
 DIGESTS = {
@@ -34,6 +35,8 @@ DIGESTS = {
     ("S6-200k", 3840): "b4fbb45345325b02",
     ("S7", 1920): "ea8581afe42ed688",
     ("S7", 3840): "e556672e2b83f0ee",
+    ("S8", 1920): "282d6f84f043f8d0",
+    ("S8", 3840): "c7ca61c925b28487",
 }
 
 
@@ -74,7 +77,9 @@ def test_seed_and_size_make_another_draw() -> None:
     assert not np.array_equal(first, scenes.pixels("S2", 1280, 720))
 
 
-@pytest.mark.parametrize("name, low, high", [("S1", 4_000, 40_000), ("S2", 4_000, 40_000), ("S6", 3, 18), ("S6-200k", 8, 35)])
+@pytest.mark.parametrize(
+    "name, low, high", [("S1", 4_000, 40_000), ("S2", 4_000, 40_000), ("S6", 3, 18), ("S6-200k", 8, 35), ("S8", 500, 20_000)]
+)
 def test_areas(name: str, low: float, high: float) -> None:
     sizes = area(scenes.pixels(name, 1920, 1080))
     assert low * 0.99 <= sizes.min() and sizes.max() <= high * 1.01
@@ -110,9 +115,9 @@ def test_16k() -> None:
 
 
 def test_errors() -> None:
-    with pytest.raises(ValueError, match="name must be one of R4k, .*S7, got 'S9'"):
+    with pytest.raises(ValueError, match="name must be one of R4k, .*S8, got 'S9'"):
         scenes.make("S9", 64, 64)
-    with pytest.raises(ValueError, match="name must be one of S1, .*S7, got 'R4k'"):
+    with pytest.raises(ValueError, match="name must be one of S1, .*S8, got 'R4k'"):
         scenes.pixels("R4k", 64, 64)
     for size in ((0, 64), (64, 16385)):
         with pytest.raises(ValueError, match="must be an integer from 1 to 16384"):
