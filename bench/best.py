@@ -5,7 +5,7 @@ every parameter at a quarter and at four times its standard value, and those of 
 takes more than twice as long as the fastest has lost, and the others and auto take turns (cuda_clock.py; on CUDA by graph
 replay), so that their times can be compared. Images are compared with the CPU's, bit for bit. A case is marked where auto
 takes more than 1.1 times as long as the best way, and more than 1 us longer. Of many ways that are alike one is always ahead
-by chance: auto and the ways that are so far ahead then take turns once more, four times as long, and that is what counts.
+by chance: auto and all that are ahead by 10 % then take turns once more, four times as long, and only these second turns count.
 
     python bench/best.py --csv build/gpu/cuda_best.csv
     python bench/best.py --scenes R4k --batches none --setting two_stage:widest=64 --setting bin_owned:few=0,share=16
@@ -93,6 +93,7 @@ class Row(cuda_clock.Row):
     ratio: float | None = None  # None for auto, and for what took no turns
     ratio_p25: float | None = None
     ratio_p75: float | None = None
+    turns: int | None = None  # which ones these times are of: 1, or 2; None: none
 
 
 def ratios(times: Times) -> dict[str, Ratio]:
@@ -105,14 +106,16 @@ def ratios(times: Times) -> dict[str, Ratio]:
     return {name: (float(low), float(middle), float(high)) for name, (low, middle, high) in found.items()}
 
 
-def verdict(job: Job, times: Times, over: Mapping[str, Ratio]) -> Verdict | None:
-    """None without auto or without another way. over: auto's ratio to each."""
+def verdict(job: Job, times: Times, memset: list[list[float]] | None = None) -> Verdict | None:
+    """None without auto or without another way. memset: its times, if they are of other turns."""
     us = {name: statistics.median(sum(rounds, [])) for name, rounds in times.items()}
+    over = ratios(times)
     best = min((name for name in over if name != MEMSET), key=us.__getitem__, default=None)
     if best is None:
         return None
     low, middle, high = over[best]
-    return Verdict(job, us[AUTO.name], us[best], best, middle, low, high, us.get(MEMSET))
+    floor = statistics.median(sum(memset, [])) if memset else us.get(MEMSET)
+    return Verdict(job, us[AUTO.name], us[best], best, middle, low, high, floor)
 
 
 class Contest:
@@ -132,28 +135,28 @@ class Contest:
         running = {name: replay for name, replay in replays.items() if name == AUTO.name or first[name] <= LOST * fastest}
         if self.floor:
             running[MEMSET] = self.clock.replay(partial(self.floor.memset, case.packed))
-        times, over = self.turns(case.job, running)
+        first_turns = cuda_clock.take_turns(self.clock, running, self.seconds)
+        second = self.second_turns(case.job, running, first_turns)
+        times, over = first_turns | second, ratios(first_turns) | ratios(second)
         wrong = {name: case.wrong_pixels(replay) for name, replay in replays.items()}
         for name in replays | running:
             us = sum(times[name], []) if name in times else [first[name]]
             method = "graph" if case.packed.is_cuda else "wall"
             row = cuda_clock.row_of(case.job, name, len(case.triangles), method, us, wrong.get(name), self.where)
             low, middle, high = over.get(name, (None, None, None))
-            self.rows.append(Row(**vars(row), ratio=middle, ratio_p25=low, ratio_p75=high))
-        if found := verdict(case.job, times, over):
+            turns = 2 if name in second else 1 if name in times else None
+            self.rows.append(Row(**vars(row), ratio=middle, ratio_p25=low, ratio_p75=high, turns=turns))
+        if found := verdict(case.job, second or first_turns, first_turns.get(MEMSET)):
             self.verdicts.append(found)
 
-    def turns(self, job: Job, running: Mapping[str, Call]) -> tuple[Times, dict[str, Ratio]]:
-        """Times of those that take turns, and auto's ratios to them; of those that are too far ahead the second ones."""
-        times = cuda_clock.take_turns(self.clock, running, self.seconds)
-        over = ratios(times)
-        found = verdict(job, times, over)
-        if found and found.marked:
-            ahead = [name for name, (_, middle, _) in over.items() if middle > ALLOWED[0] and name != MEMSET]
-            again = {name: running[name] for name in (AUTO.name, *ahead)}
-            second = cuda_clock.take_turns(self.clock, again, AGAIN * self.seconds, AGAIN * cuda_clock.ROUNDS)
-            times, over = times | second, over | ratios(second)
-        return times, over
+    def second_turns(self, job: Job, running: Mapping[str, Call], first: Times) -> Times:
+        """Of auto and the ways that are ahead of it, where it is behind by more than it may; else empty."""
+        found = verdict(job, first)
+        if not found or not found.marked:
+            return {}
+        ahead = [name for name, (_, middle, _) in ratios(first).items() if middle > ALLOWED[0] and name != MEMSET]
+        again = {name: running[name] for name in (AUTO.name, *ahead)}
+        return cuda_clock.take_turns(self.clock, again, AGAIN * self.seconds, AGAIN * cuda_clock.ROUNDS)
 
     def heats(self, case: Case) -> tuple[dict[str, Call], dict[str, float]]:
         """A replay of each way, and about how many us it takes."""
@@ -206,7 +209,7 @@ def steps(variants: Mapping[str, native.Variant]) -> tuple[Way, ...]:
 
 
 def from_rows(rows: Iterable[Mapping[str, str]]) -> list[Verdict]:
-    """Verdicts of a CSV's rows. Files that have no ratios give those of the medians.
+    """Verdicts of a CSV's rows: of the last turns that auto took. Files that have no ratios give those of the medians.
 
     Raises:
         SystemExit: the rows are another script's.
@@ -219,7 +222,9 @@ def from_rows(rows: Iterable[Mapping[str, str]]) -> list[Verdict]:
             cases.setdefault(job, {})[row["variant"]] = row
         for job, ways in cases.items():
             us = {name: float(row["us_median"]) for name, row in ways.items()}
-            best = min((name for name in us if name not in (AUTO.name, MEMSET)), key=us.__getitem__, default="")
+            last = ways.get(AUTO.name, {}).get("turns")
+            rivals = [name for name, row in ways.items() if name not in (AUTO.name, MEMSET) and row.get("turns") == last]
+            best = min(rivals, key=us.__getitem__, default="")
             if not best or AUTO.name not in us:
                 continue
             plain = us[AUTO.name] / us[best]
@@ -290,7 +295,7 @@ def main(argv: list[str] | None = None) -> int:
         for found in contest.verdicts[before:]:
             print(found.line(), flush=True)
         if arguments.csv:
-            benchmark.write_csv(arguments.csv, contest.rows, cuda_clock.DIGITS)
+            benchmark.write_csv(arguments.csv, contest.rows)
         if device.type == "cuda":
             torch.cuda.empty_cache()
     if arguments.docs:

@@ -178,7 +178,7 @@ def _enqueued(call: Call, seconds: float, wait: Call) -> list[float]:
 
 
 def take_turns(clock: Clock, replays: Mapping[str, Call], seconds: float, rounds: int = ROUNDS) -> dict[str, list[list[float]]]:
-    """Microseconds [name][round][repeat] of rounds for about `seconds`, and of so many at least.
+    """Microseconds [name][round][repeat] of at least so many rounds, for about `seconds`.
 
     In a round everyone replays its turn, one after the other, in an order that reverses every round, so that a change of the
     clocks meets all of them.

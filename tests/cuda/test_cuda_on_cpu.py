@@ -566,36 +566,37 @@ LARGE, MIDDLE = 130, 96  # px, sides of boxes of which a triangle covers 7,394 p
 
 
 @pytest.mark.parametrize(
-    ("resolution", "blocks", "waiting"),
+    ("resolution", "each", "blocks", "waiting"),
     [
-        ((400, 400), ((LARGE, LARGE), (LARGE, MIDDLE, MIDDLE, MIDDLE), (MIDDLE,) * 4, (LARGE,) * 4), 6),  # 8,192 px of four
-        ((160, 200), ((LARGE, LARGE, LARGE), (LARGE, LARGE, MIDDLE, MIDDLE)), 3),  # an image of few patches: 16,384
+        ((400, 400), 4, ((LARGE, LARGE), (LARGE, MIDDLE, MIDDLE, MIDDLE), (MIDDLE,) * 4, (LARGE,) * 4), 6),  # 8,192 px
+        ((400, 400), 32, ((LARGE,) * 5, (LARGE,) * 4), 5),  # 32,768
+        ((160, 200), 4, ((LARGE, LARGE, LARGE), (LARGE, LARGE, MIDDLE, MIDDLE)), 3),  # an image of few patches: 16,384
     ],
 )
 def test_large_triangles_wait_where_a_block_has_many(
-    resolution: tuple[int, int], blocks: tuple[tuple[int, ...], ...], waiting: int
+    resolution: tuple[int, int], each: int, blocks: tuple[tuple[int, ...], ...], waiting: int
 ) -> None:
-    """blocks: sides of triangles of some blocks, px. Others have thin ones as long as the large ones, and ones of which the
+    """blocks: sides of triangles of some blocks, px. Others have thin ones that are as long or longer, and ones of which the
     screen leaves a corner; all the rest are tiny."""
-    count, each = 65, 4
+    count = -(-260 // each)
     height, width = resolution
     side = np.full((each, count), 2.0)
     for block, sides in enumerate(blocks):
         side[: len(sides), block] = sides
     shape = np.broadcast_to([[0, 0], [1, 0.25], [0.5, 1]], (each, count, 3, 2)).copy()
-    thin, cut = len(blocks), len(blocks) + 1
-    side[:, thin], side[:, cut] = LARGE, 450
+    thin, cut, beyond = len(blocks), len(blocks) + 1, 450
+    side[:4, thin], side[:4, cut] = min(250, height - 2), beyond
     shape[:, thin] = [[0, 0], [1, 1], [0.98, 1]]
     rng = np.random.default_rng(len(blocks))
-    corner = rng.uniform(0, 1, (each, count, 2)) * (np.array([width, height]) - np.where(side < 450, side, 0)[..., None] - 1)
-    corner[:, cut] = [width - 20, height - 15]
+    corner = rng.uniform(0, 1, (each, count, 2)) * (np.array([width, height]) - np.where(side < beyond, side, 0)[..., None] - 1)
+    corner[:4, cut] = [width - 20, height - 15]
     xy = corner[:, :, None] + side[..., None, None] * shape
     case = from_pixels(xy.reshape(-1, 3, 2), rng.uniform(0.1, 0.9, (each * count, 3)), resolution)
     settings = {"few": 0, "share": each}
     found = counted(case, "bin_owned", settings)
     found.assert_bounds()
     assert (found.of["by_tiles"], found.of["records"]) == (waiting, each * count)
-    assert counted(case, "bin_owned", {**settings, "widest": 192}).of["by_tiles"] == 0, "the caller's limit is the only one"
+    assert counted(case, "bin_owned", {**settings, "widest": 256}).of["by_tiles"] == 0, "the caller's limit is the only one"
     assert counted(case, "two_stage", {"share": each}).of["by_tiles"] == 0
 
 

@@ -2,7 +2,7 @@
 // without asking the device:
 //   few   one kernel: every block sets up all triangles by itself, looks at all of them for each of its patches of the
 //         image, and writes each pixel once;
-//   rows  three kernels: clear; set-up, which draws most triangles at once by rows and puts what is too wide for that
+//   rows  three kernels: clear; set-up, which draws most triangles at once by rows and puts what is too large for that
 //         into lists; blocks draw these onto the rest, patch by patch, and slivers. All views of a batch together.
 
 #include "clear.h"

@@ -17,7 +17,7 @@ namespace bigtri {
 #define BIGTRI_WIDEST_PARAMETER(X)                                                                                 \
   X(widest, "px",                                                                                                  \
     "longest side of the bbox of a triangle that is drawn by rows at set-up; what is wider waits; 0: 64, 96, 192 " \
-    "or 256, by the image and the number of triangles, and of large ones of bin_owned by how many a block has",    \
+    "or 256, by the image and the number of triangles; bin_owned then lets large ones wait where there are many",  \
     0, 0, 256)
 // Threads of a block, for the designs that are asked how much it matters.
 constexpr int kMostThreads = 512;

@@ -113,7 +113,7 @@ __device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_
                                       const RowLimits& limits, WarpShared* s) {
   bool by_rows = have && fits_rows(p, limits.widest);
   int pixels = 0;  // that it covers, about; of what the screen cuts no more than its box has
-  if (by_rows) pixels = min_of((p.x1 - p.x0) * (p.y1 - p.y0), (int)(p.area / (2 * kSubpixel * kSubpixel)));
+  if (by_rows) pixels = min_of((p.x1 - p.x0) * (p.y1 - p.y0), (int)(p.area / kSubpixel / kSubpixel / 2));
   const bool large = pixels > kLarge;
   if (__any_sync(kAllLanes, large)) {
     const int all = __shfl_sync(kAllLanes, warp_sum_up_to(large ? pixels : 0), kWarp - 1);
@@ -196,7 +196,7 @@ struct Drawing {
   ShareShared<kWay>* const shared;
 
   // Sets up triangle t of each lane below `count`, or of warp 0's where they are drawn together, and draws them; what is
-  // too wide for rows goes to `rest`. Returns how many of them have a pixel centre in their boxes, or have to be clipped.
+  // not drawn by rows goes to `rest`. Returns how many of them have a pixel centre in their boxes, or have to be clipped.
   // By all lanes, or all threads of a block that draws together.
   template <class Rest>
   __device__ __forceinline__ int draw(int32_t t, int count, const Rest& rest) const {

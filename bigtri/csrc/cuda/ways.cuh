@@ -111,27 +111,30 @@ struct RowLimits {
 };
 constexpr int kLarge = 96 * 96 / 2;  // px
 
-// Warps that are left alone with their triangles take no large ones. Nor do the blocks of a few triangles, where most of
-// the device has nothing to do. Where an image has few pixels, or very many, what waits for blocks that own them takes
-// long to begin. wanted: the caller's, or 0.
+inline int64_t pixels_of_all(const Frame& f) { return (int64_t)f.views * f.view.width * f.view.height; }
+
+// RowLimits::widest. Warps that are left alone with their triangles take no large ones. Nor do the blocks of a few
+// triangles, where most of the device has nothing to do. Where an image has many pixels, or all views have few, what waits
+// for blocks that own them takes long to begin. wanted: the caller's, or 0.
 constexpr int64_t kFewTriangles = 256, kSmallImage = 1 << 19, kHugeImage = 1 << 22;  // px
 inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
   if (way == Way::kApart || tests(way) || pixels_each(f) > kLargePixels) return 64;
   if (triangles_of_all(f) <= kFewTriangles && pixels <= kSmallImage) return 96;
-  return pixels <= kSmallImage || pixels > kHugeImage ? 256 : 192;
+  return pixels_of_all(f) <= kSmallImage || pixels > kHugeImage ? 256 : 192;
 }
 
 // RowLimits::most_large where what waits is drawn by patches, which cost little for each pixel, but much to begin with:
-// so large triangles wait only where a block's, spread over the mesh, say that there are many. Fewer patches than the
-// device has multiprocessors take longer. each: triangles of a block. widest: as the caller wants it, or 0.
+// so large triangles wait only where those that are set up together, in one view spread over the mesh, say that there are
+// many. Fewer pixels than make 64 patches, for half of an H200's multiprocessors, leave most of it with nothing to do.
+// each: triangles of a block. widest: as the caller wants it, which is the only limit then, or 0.
 constexpr int kMostLarge = 1 << 15, kMostLargeEach = 1 << 11;  // px
-constexpr int64_t kFewPatches = 1 << 17;  // px
+constexpr int64_t kTinyImage = 1 << 17;  // px
 inline int most_large(const Frame& f, int each, int64_t widest) {
   if (widest > 0) return INT32_MAX;
   const int for_each = kMostLargeEach * min_of(each, kWarp);
-  return (int64_t)f.view.width * f.view.height < kFewPatches ? 2 * for_each : min_of(for_each, kMostLarge);
+  return pixels_of_all(f) < kTinyImage ? 2 * for_each : min_of(for_each, kMostLarge);
 }
 
 // Sharing::own_pixels. Below that a warp is sooner done than the others can begin to help.
