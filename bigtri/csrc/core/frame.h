@@ -62,6 +62,9 @@ inline int64_t triangles_of_all(const Frame& f) {
   return all;
 }
 
+// Pixels of all views together.
+BIGTRI_HD int64_t pixels_of_all(const Frame& f) { return f.views * ((int64_t)f.view.width * f.view.height); }
+
 // The first pixel of a view.
 BIGTRI_HD int64_t* pixels_of(const Frame& f, int64_t view) {
   return f.packed + view * ((int64_t)f.view.width * f.view.height);

@@ -37,7 +37,7 @@ __global__ void __launch_bounds__(kClearThreads, 4) clear_frame(const __grid_con
   if (f.areas) return;
   // From the end to the beginning: triangles mostly come from the top of the image, which then is what the cache still
   // holds. Stored as what the cache gives up first, before pixels that triangles have been drawn onto.
-  const int64_t n = f.views * ((int64_t)f.view.width * f.view.height);
+  const int64_t n = pixels_of_all(f);
   if (((uintptr_t)f.packed & 15) == 0) {
     longlong2* const pairs = reinterpret_cast<longlong2*>(f.packed);
 #pragma unroll 4
@@ -165,7 +165,7 @@ Vertex* take_projected(Scratch* scratch, const Frame& f, bool wanted) {
   // A vertex less than triangle corners by half at least, or projecting each one once saves nothing; and many triangles
   // for the image, or set-up is done with projecting its own while the image is cleared.
   const int64_t views = f.view_stride ? f.views : 1, vertices = views * f.vertices, triangles = triangles_of_all(f);
-  const int64_t pixels = (int64_t)f.views * f.view.width * f.view.height;
+  const int64_t pixels = pixels_of_all(f);
   if (!wanted && (vertices > 2 * triangles || triangles < pixels / kPixelsPerProjected)) return nullptr;
   return scratch->take<Vertex>(vertices);
 }
@@ -173,8 +173,7 @@ Vertex* take_projected(Scratch* scratch, const Frame& f, bool wanted) {
 cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, cudaStream_t stream) {
   int processors;
   BIGTRI_CUDA(multiprocessors(&processors));
-  const int64_t pixels = (int64_t)f.views * f.view.width * f.view.height,
-                vertices = f.view_stride ? f.views * f.vertices : f.vertices;
+  const int64_t pixels = pixels_of_all(f), vertices = f.view_stride ? f.views * f.vertices : f.vertices;
   const Areas areas = f.areas ? areas_of(f) : Areas{};
   const Zeros marks = {areas.count, f.areas ? area_mark_bytes(areas) / (int64_t)sizeof(uint32_t) : 0};
   const int64_t each = f.areas ? max_of(max_of(zeros.count, marks.count), (int64_t)f.views) : (pixels + 1) / 2;

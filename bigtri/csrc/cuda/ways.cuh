@@ -58,7 +58,7 @@ struct Sharing {
 // none, up to the second most, from the third on some may be large, from the fourth on many, from the fifth on most.
 constexpr double kLeastPixels = 0.4, kTinyPixels = 0.8, kSmallPixels = 16, kMiddlePixels = 64, kLargePixels = 1 << 14;
 inline double pixels_each(const Frame& f) {
-  return (double)f.views * f.view.width * f.view.height / (double)max_of<int64_t>(triangles_of_all(f), 1);
+  return (double)pixels_of_all(f) / (double)max_of<int64_t>(triangles_of_all(f), 1);
 }
 // Times that kEven's blocks fill the device, from which on it does not matter what each of them has to do.
 constexpr int64_t kTurns = 4;
@@ -110,8 +110,6 @@ struct RowLimits {
   int widest, most_large;
 };
 constexpr int kLarge = 96 * 96 / 2;  // px
-
-inline int64_t pixels_of_all(const Frame& f) { return (int64_t)f.views * f.view.width * f.view.height; }
 
 // RowLimits::widest. Warps that are left alone with their triangles take no large ones. Nor do the blocks of a few
 // triangles, where most of the device has nothing to do. Where an image has many pixels, or all views have few, what waits
