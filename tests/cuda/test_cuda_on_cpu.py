@@ -562,15 +562,15 @@ def test_counters_of_rows() -> None:
         counted_work.check_rows(variant, found.of, case_of(name), found.set_up, *how)
 
 
-LARGE, MIDDLE = 130, 96  # px, sides of boxes of which a triangle covers 7,394 px, which count, and 4,032, which do not
+LARGE, MIDDLE = 130, 68  # px, sides of boxes of which a triangle covers 7,394 px, which count, and 2,023, which do not
 
 
 @pytest.mark.parametrize(
     ("resolution", "each", "blocks", "waiting"),
     [
-        ((400, 400), 4, ((LARGE, LARGE), (LARGE, MIDDLE, MIDDLE, MIDDLE), (MIDDLE,) * 4, (LARGE,) * 4), 6),  # 8,192 px
-        ((400, 400), 32, ((LARGE,) * 5, (LARGE,) * 4), 5),  # 32,768
-        ((160, 200), 4, ((LARGE, LARGE, LARGE), (LARGE, LARGE, MIDDLE, MIDDLE)), 3),  # an image of few patches: 16,384
+        ((400, 400), 4, ((LARGE,) * 3, (LARGE, LARGE, MIDDLE, MIDDLE), (MIDDLE,) * 4, (LARGE,) * 4), 7),  # 20,968 px
+        ((400, 400), 32, ((LARGE,) * 23, (LARGE,) * 22), 23),  # 167,744
+        ((2100, 2100), 4, ((LARGE, MIDDLE), (MIDDLE,) * 4), 1),  # the least, 4,096
     ],
 )
 def test_large_triangles_wait_where_a_block_has_many(
@@ -578,7 +578,7 @@ def test_large_triangles_wait_where_a_block_has_many(
 ) -> None:
     """blocks: sides of triangles of some blocks, px. Others have thin ones that are as long or longer, and ones of which the
     screen leaves a corner; all the rest are tiny."""
-    count = -(-260 // each)
+    count = -(-280 // each)
     height, width = resolution
     side = np.full((each, count), 2.0)
     for block, sides in enumerate(blocks):

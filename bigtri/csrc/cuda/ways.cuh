@@ -2,6 +2,7 @@
 // asking the device, and which triangles a block gets.
 #pragma once
 
+#include <cmath>
 #include <numeric>
 
 #include "launch.cuh"
@@ -109,7 +110,7 @@ static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 struct RowLimits {
   int widest, most_large;
 };
-constexpr int kLarge = 96 * 96 / 2;  // px
+constexpr int kLarge = 1 << 11;  // px
 
 // RowLimits::widest. Warps that are left alone with their triangles take no large ones. Nor do the blocks of a few
 // triangles, where most of the device has nothing to do. Where an image has many pixels, or all views have few, what waits
@@ -125,14 +126,13 @@ inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
 
 // RowLimits::most_large where what waits is drawn by patches, which cost little for each pixel, but much to begin with:
 // so large triangles wait only where those that are set up together, in one view spread over the mesh, say that there are
-// many. Fewer pixels than make 64 patches, for half of an H200's multiprocessors, leave most of it with nothing to do.
-// each: triangles of a block. widest: as the caller wants it, which is the only limit then, or 0.
-constexpr int kMostLarge = 1 << 15, kMostLargeEach = 1 << 11;  // px
-constexpr int64_t kTinyImage = 1 << 17;  // px
+// many. The smaller the image, the fewer patches draw at once, and the more triangles each of them draws one after the
+// other. each: triangles of a block. widest: as the caller wants it, which is the only limit then, or 0.
+constexpr int kMostLarge = 1 << 10;  // px for each triangle, of any image
+constexpr double kMostLargeOfImage = 1 << 21;  // the same times the square root of the image's pixels
 inline int most_large(const Frame& f, int each, int64_t widest) {
   if (widest > 0) return INT32_MAX;
-  const int for_each = kMostLargeEach * min_of(each, kWarp);
-  return pixels_of_all(f) < kTinyImage ? 2 * for_each : min_of(for_each, kMostLarge);
+  return min_of(each, kWarp) * max_of(kMostLarge, (int)(kMostLargeOfImage / std::sqrt((double)pixels_of_all(f))));
 }
 
 // Sharing::own_pixels. Below that a warp is sooner done than the others can begin to help.
