@@ -568,8 +568,8 @@ LARGE, MIDDLE = 130, 68  # px, sides of boxes of which a triangle covers 7,394 p
 @pytest.mark.parametrize(
     ("resolution", "each", "blocks", "waiting"),
     [
-        ((400, 400), 4, ((LARGE,) * 3, (LARGE, LARGE, MIDDLE, MIDDLE), (MIDDLE,) * 4, (LARGE,) * 4), 7),  # 20,968 px
-        ((400, 400), 32, ((LARGE,) * 23, (LARGE,) * 22), 23),  # 167,744
+        ((400, 400), 4, ((LARGE, LARGE), (LARGE, MIDDLE, MIDDLE, MIDDLE), (MIDDLE,) * 4, (LARGE,) * 4), 6),  # 13,421 px
+        ((400, 400), 32, ((LARGE,) * 15, (LARGE,) * 14), 15),  # 107,374
         ((2100, 2100), 4, ((LARGE, MIDDLE), (MIDDLE,) * 4), 1),  # the least, 4,096
     ],
 )

@@ -2,7 +2,6 @@
 // asking the device, and which triangles a block gets.
 #pragma once
 
-#include <cmath>
 #include <numeric>
 
 #include "launch.cuh"
@@ -128,11 +127,12 @@ inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
 // so large triangles wait only where those that are set up together, in one view spread over the mesh, say that there are
 // many. The smaller the image, the fewer patches draw at once, and the more triangles each of them draws one after the
 // other. each: triangles of a block. widest: as the caller wants it, which is the only limit then, or 0.
-constexpr int kMostLarge = 1 << 10;  // px for each triangle, of any image
-constexpr double kMostLargeOfImage = 1 << 21;  // the same times the square root of the image's pixels
+constexpr double kMostLarge = 1 << 10;  // px for each triangle, of any image
+constexpr double kMostLargeOfImage = 1 << 29;  // the same, times the image's pixels
 inline int most_large(const Frame& f, int each, int64_t widest) {
   if (widest > 0) return INT32_MAX;
-  return min_of(each, kWarp) * max_of(kMostLarge, (int)(kMostLargeOfImage / std::sqrt((double)pixels_of_all(f))));
+  const double for_each = max_of(kMostLarge, kMostLargeOfImage / (double)pixels_of_all(f));
+  return (int)min_of(min_of(each, kWarp) * for_each, (double)INT32_MAX);
 }
 
 // Sharing::own_pixels. Below that a warp is sooner done than the others can begin to help.
