@@ -570,7 +570,7 @@ LARGE, MIDDLE = 130, 68  # px, sides of boxes of which a triangle covers 7,394 p
     [
         ((400, 400), 4, ((LARGE, LARGE), (LARGE, MIDDLE, MIDDLE, MIDDLE), (MIDDLE,) * 4, (LARGE,) * 4), 6),  # 13,421 px
         ((400, 400), 32, ((LARGE,) * 15, (LARGE,) * 14), 15),  # 107,374
-        ((2100, 2100), 4, ((LARGE, MIDDLE), (MIDDLE,) * 4), 1),  # the least, 4,096
+        ((2100, 2100), 4, ((LARGE, MIDDLE), (90, MIDDLE)), 1),  # the least, 4,096; 90 px: 3,544
     ],
 )
 def test_large_triangles_wait_where_a_block_has_many(
