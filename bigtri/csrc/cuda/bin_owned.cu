@@ -273,7 +273,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   const Way way = r.sharing.way;
   if (way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
-  r.limits = {widest_rows(f, way, v.widest), most_large(f, r.sharing.each, v.widest)};
+  r.limits = {widest_rows(f, way, v.widest), most_large(f, r.sharing.each), v.widest > 0 ? nullptr : r.waiting.samples};
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);
   }));

@@ -45,6 +45,7 @@ struct Scratch {
 struct Zeros {
   uint32_t* first;
   int64_t count;
+  uint64_t* early = nullptr;  // one more, which is zero before the next kernel begins
 
   static Zeros of(uint64_t* first, int count) { return {reinterpret_cast<uint32_t*>(first), 2 * count}; }
 

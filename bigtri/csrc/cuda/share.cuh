@@ -107,18 +107,34 @@ struct Filed {
   int rows, rest;
 };
 
-// Puts the lanes' primitives in their places in shared memory; have: whether this lane has one. By all lanes; ends with
-// a barrier of the warp.
+// Adds what a warp's large triangles cover to the samples, and says whether to let them wait. Those of a small sample are
+// drawn soon enough to do so without waiting for the kernels in front, while which the others add theirs. By all lanes.
+// Rarely called, so that its registers cost the others nothing.
+__device__ __noinline__ bool large_ones_wait(const RowLimits& limits, int pixels) {
+  const int all = __shfl_sync(kAllLanes, warp_sum_up_to(pixels), kWarp - 1);
+  if (lane_id() == 0)
+    atomicAdd(reinterpret_cast<unsigned long long*>(limits.samples), (1ull << kPixelBits) + (unsigned long long)all);
+  if (all <= limits.most_large / 2) return false;
+  wait_for_previous();
+  bool many = false;
+  if (lane_id() == 0) {
+    const uint64_t samples = reread(*limits.samples), count = samples >> kPixelBits;
+    many = (samples & ((1ull << kPixelBits) - 1)) > count * (uint64_t)limits.most_large;
+  }
+  return __shfl_sync(kAllLanes, many, 0);
+}
+
+// Puts the lanes' primitives in their places in shared memory; have: whether this lane has one; kAnyLarge: whether the
+// limits let any be large. By all lanes; ends with a barrier of the warp.
+template <bool kAnyLarge>
 __device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_t triangle, int32_t view, bool have,
                                       const RowLimits& limits, WarpShared* s) {
   bool by_rows = have && fits_rows(p, limits.widest);
   int pixels = 0;  // that it covers, about; of what the screen cuts no more than its box has
   if (by_rows) pixels = min_of((p.x1 - p.x0) * (p.y1 - p.y0), (int)(p.area / kSubpixel / kSubpixel / 2));
   const bool large = pixels > kLarge;
-  if (__any_sync(kAllLanes, large)) {
-    const int all = __shfl_sync(kAllLanes, warp_sum_up_to(large ? pixels : 0), kWarp - 1);
-    by_rows &= !large || all <= limits.most_large;
-  }
+  if (kAnyLarge && limits.samples && __any_sync(kAllLanes, large))
+    by_rows &= !(large_ones_wait(limits, large ? pixels : 0) && large);
   const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, have && !by_rows);
   count_work(f, Counter::records, by_rows);
   count_work(f, Counter::by_rows, by_rows);
@@ -141,18 +157,19 @@ __device__ __noinline__ Filed file_left(const Frame& f, int32_t view, int count,
   const Primitive p = left.primitive();
   const int32_t t = left.t;
   __syncwarp();
-  return file(f, p, f.first_triangle + t, view, have, limits, s);
+  return file<false>(f, p, f.first_triangle + t, view, have, limits, s);
 }
 
 // Clips triangle t of a view and files the parts. By all lanes. Rarely called, so that its registers cost the others
 // nothing.
+template <bool kAnyLarge>
 __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_t t, const RowLimits& limits,
                                             WarpShared* s) {
   __syncwarp();
   Primitive part;
   const bool have = clip_part(f, view, t, &s->clip, &part);
   __syncwarp();
-  return file(f, part, f.first_triangle + t, view, have, limits, s);
+  return file<kAnyLarge>(f, part, f.first_triangle + t, view, have, limits, s);
 }
 
 // Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
@@ -183,6 +200,7 @@ __device__ __noinline__ void draw_left(FramePixel pixels, int width, int warp, S
 template <Way kWay>
 struct Drawing {
   static constexpr bool kTogether = kWay == Way::kTogether, kLeaves = kWay == Way::kEven;
+  static constexpr bool kAnyLarge = kTogether || kLeaves;  // the others draw none by rows
   static constexpr int kWarps = block_warps(kWay);
 
   const Frame& f;
@@ -234,7 +252,7 @@ struct Drawing {
         draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
         if (left) filed = file_left(f, share.view, __popc(left), limits, s);
       } else if (__any_sync(kAllLanes, have)) {
-        filed = file(f, p, f.first_triangle + t, share.view, have, limits, s);
+        filed = file<kAnyLarge>(f, p, f.first_triangle + t, share.view, have, limits, s);
       }
     }
     if (kTogether) {
@@ -265,7 +283,7 @@ struct Drawing {
       }
       if (!clip) break;
       const int number = __ffs(clip) - 1;
-      filed = clip_and_file(
+      filed = clip_and_file<kAnyLarge>(
           f, share.view, kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), limits, s);
       clip &= clip - 1;
       all_draw = false;

@@ -103,13 +103,16 @@ inline int log_neighbours(const Frame& f, Way way, int64_t resident) {
 }
 static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 
-// What is drawn by rows: nothing with a side above `widest` px; and of the triangles that are set up together none that
-// covers more than kLarge pixels if those that do cover more than `most_large` together. A row costs an atomic a pixel,
-// and a block draws it alone.
+// What is drawn by rows: nothing with a side above `widest` px; and if triangles that cover more than kLarge pixels are
+// many, none of these. A row costs an atomic a pixel, and a block draws it alone. How many they are the blocks find out
+// from each other: those that are set up together are a sample, and all that have any add theirs to `samples`.
 struct RowLimits {
-  int widest, most_large;
+  int widest;
+  int most_large;  // px of the large ones of a sample, on average
+  uint64_t* samples;  // how many << kPixelBits, and their pixels; null: large ones are drawn as any other
 };
 constexpr int kLarge = 1 << 11;  // px
+constexpr int kPixelBits = 40;
 
 // RowLimits::widest. Warps that are left alone with their triangles take no large ones. Nor do the blocks of a few
 // triangles, where most of the device has nothing to do. Where an image has many pixels, or all views have few, what waits
@@ -123,15 +126,12 @@ inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   return pixels_of_all(f) <= kSmallImage || pixels > kHugeImage ? 256 : 192;
 }
 
-// RowLimits::most_large where what waits is drawn by patches, which cost little for each pixel, but much to begin with:
-// so large triangles wait only where those that are set up together, in one view spread over the mesh, say that there are
-// many. The smaller the image, the fewer patches draw at once, and the more triangles each of them draws one after the
-// other. each: triangles of a block. widest: as the caller wants it, which is the only limit then, or 0.
-constexpr double kMostLarge = 1 << 10;  // px for each triangle, of any image
-constexpr double kMostLargeOfImage = 1 << 29;  // the same, times the image's pixels
-inline int most_large(const Frame& f, int each, int64_t widest) {
-  if (widest > 0) return INT32_MAX;
-  const double for_each = max_of(kMostLarge, kMostLargeOfImage / (double)pixels_of_all(f));
+// RowLimits::most_large where what waits is drawn by patches, which cost little for each pixel, but much to begin with.
+// The smaller the image, the fewer patches draw at once, and the more triangles each of them draws one after the other.
+constexpr double kMostLarge = 1800;  // px for each triangle of a sample, of any image
+constexpr double kMostLargeOfImage = 3.2e8;  // what a smaller image adds, times its pixels
+inline int most_large(const Frame& f, int each) {
+  const double for_each = kMostLarge + kMostLargeOfImage / (double)pixels_of_all(f);
   return (int)min_of(min_of(each, kWarp) * for_each, (double)INT32_MAX);
 }
 
