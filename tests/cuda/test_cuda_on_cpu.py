@@ -563,29 +563,18 @@ def test_counters_of_rows() -> None:
 
 
 LARGE, MIDDLE = 130, 68  # px, sides of boxes of which a triangle covers 7,394 px, which count, and 2,023, which do not
+SHAPE = [[0, 0], [1, 0.25], [0.5, 1]]
 
 
-@pytest.mark.parametrize(
-    ("resolution", "each", "blocks", "waiting"),
-    [
-        # Up to 15,200 px on average: 14,788; 22,182; 18,434 with 3,544 of 90 px; 15,674, but these alone have less than half;
-        # no more with those that do not count; 15,497; 14,737.
-        ((400, 400), 4, ((LARGE,) * 2, (LARGE,) * 4, (LARGE, 90), (LARGE,), (MIDDLE,) * 4, (LARGE,) * 2, (LARGE, 90)), 8),
-        ((400, 400), 32, ((LARGE,) * 16, (LARGE,) * 17), 17),  # 121,600; 118,304, 122,001
-        ((1000, 1000), 4, ((LARGE, MIDDLE), (LARGE, 90)), 2),  # 8,480; 7,394, 9,166
-    ],
-)
-def test_large_triangles_wait_where_blocks_have_many(
-    resolution: tuple[int, int], each: int, blocks: tuple[tuple[int, ...], ...], waiting: int
-) -> None:
-    """blocks: sides of triangles of some blocks, px, which are drawn in this order here: each knows of those before it. Others
-    have thin ones that are longer, and ones of which the screen leaves a corner; all the rest are tiny."""
-    count = -(-280 // each)
+def in_blocks(resolution: tuple[int, int], each: int, blocks: tuple[tuple[int, ...], ...]) -> Case:
+    """Triangles that are set up together, `each` a block: sides of some of them, px; the rest are tiny. Two more blocks have thin
+    ones that are longer, and ones of which the screen leaves a corner."""
+    count = max(-(-280 // each), len(blocks) + 2)
     height, width = resolution
     side = np.full((each, count), 2.0)
     for block, sides in enumerate(blocks):
         side[: len(sides), block] = sides
-    shape = np.broadcast_to([[0, 0], [1, 0.25], [0.5, 1]], (each, count, 3, 2)).copy()
+    shape = np.broadcast_to(SHAPE, (each, count, 3, 2)).copy()
     thin, cut, beyond = len(blocks), len(blocks) + 1, 450
     side[:4, thin], side[:4, cut] = 190, beyond
     shape[:, thin] = [[0, 0], [1, 1], [0.98, 1]]
@@ -593,13 +582,52 @@ def test_large_triangles_wait_where_blocks_have_many(
     corner = rng.uniform(0, 1, (each, count, 2)) * (np.array([width, height]) - np.where(side < beyond, side, 0)[..., None] - 1)
     corner[:4, cut] = [width - 20, height - 15]
     xy = corner[:, :, None] + side[..., None, None] * shape
-    case = from_pixels(xy.reshape(-1, 3, 2), rng.uniform(0.1, 0.9, (each * count, 3)), resolution)
-    settings = {"few": 0, "share": each}
-    found = counted(case, "bin_owned", settings)
-    found.assert_bounds()
-    assert (found.of["by_tiles"], found.of["records"]) == (waiting, each * count)
-    assert counted(case, "bin_owned", {**settings, "widest": 256}).of["by_tiles"] == 0, "the caller's limit is the only one"
+    return from_pixels(xy.reshape(-1, 3, 2), rng.uniform(0.1, 0.9, (each * count, 3)), resolution)
+
+
+def waiting(case: Case, each: int, views: int = 1, **settings: int) -> int:
+    """How many triangles wait for blocks that own pixels, of those of equal views that are drawn `each` a block."""
+    one = job(case, "bin_owned", {"few": 0, "share": each, **settings})
+    packed, depth, dropped = (np.stack([of_one] * views) for of_one in (one.packed, one.depth, one.dropped))
+    seen = case._replace(positions=np.stack([case.positions] * views))
+    height, width = (-(-pixels // 64) * 64 for pixels in case.resolution)
+    found, fragments, blocks = (np.zeros(n, np.int64) for n in (len(native.COUNTERS), views * height * width, 4096))
+    to = cuda_on_cpu.counted_work(found, fragments, blocks)
+    drawn, _, _ = cuda_on_cpu.draw(counting_kernels(), Job(seen, packed, depth, dropped, one.variant, one.settings), to)
+    assert np.array_equal(drawn, packed)
+    return int(found[list(native.COUNTERS).index("by_tiles")])
+
+
+@pytest.mark.parametrize(
+    ("resolution", "each", "blocks", "wait"),
+    [
+        # Up to 15,200 px on average: 14,788; 22,182; 18,434 with 3,544 of 90 px; 15,674, but these alone have less than half;
+        # no more with those that do not count; 15,497; 14,737.
+        ((400, 400), 4, ((LARGE,) * 2, (LARGE,) * 4, (LARGE, 90), (LARGE,), (MIDDLE,) * 4, (LARGE,) * 2, (LARGE, 90)), 8),
+        ((400, 400), 32, ((LARGE,) * 16, (LARGE,) * 17), 17),  # 121,600; 118,304, 122,001
+        ((400, 400), 256, ((LARGE,) * 16, (LARGE,) * 17), 17),  # the same of a warp
+        ((1000, 1000), 4, ((LARGE, MIDDLE), (LARGE, 90)), 2),  # 8,480; 7,394, 9,166
+    ],
+)
+def test_large_triangles_wait_where_blocks_have_many(
+    resolution: tuple[int, int], each: int, blocks: tuple[tuple[int, ...], ...], wait: int
+) -> None:
+    """Blocks are drawn in this order here, so that each knows of those before it."""
+    case = in_blocks(resolution, each, blocks)
+    assert waiting(case, each) == wait
+    assert waiting(case, each, widest=256) == 0, "the caller's limit is the only one"
     assert counted(case, "two_stage", {"share": each}).of["by_tiles"] == 0
+
+
+def test_large_triangles_of_views_and_parts_of_clipped_ones_wait() -> None:
+    case = in_blocks((400, 400), 4, ((LARGE,) * 2,))  # 14,788 px of up to 15,200
+    assert waiting(case, 4) == 0
+    assert waiting(case, 4, views=2) == 2 * 2, "up to 11,200 px"
+    corners = np.full((300, 3, 2), 5) + SHAPE
+    corners[7] = 5 + 250 * np.array(SHAPE)
+    depth = np.full((300, 3), 0.5)
+    depth[7, 0] = -0.2  # the near plane leaves a quadrangle, two triangles
+    assert waiting(from_pixels(corners, depth, (400, 400)), 4) == 2
 
 
 @exhaustive

@@ -21,13 +21,7 @@ constexpr int64_t kPixelsPerProjected = 64;
 
 __global__ void __launch_bounds__(kClearThreads, 4) clear_frame(const __grid_constant__ Frame f, Vertex* projected,
                                                                 unsigned clearing_blocks, Zeros zeros, Zeros marks) {
-  if (zeros.early && blockIdx.x == 0) {
-    if (threadIdx.x == 0) {
-      *zeros.early = 0;
-      __threadfence();
-    }
-    __syncthreads();
-  }
+  if (zeros.early && blockIdx.x == 0 && threadIdx.x == 0) *zeros.early = 0;
   let_next_begin();
   if (blockIdx.x >= clearing_blocks) {
     const int64_t vertices = f.view_stride ? f.views * f.vertices : f.vertices;

@@ -45,7 +45,9 @@ struct Scratch {
 struct Zeros {
   uint32_t* first;
   int64_t count;
-  uint64_t* early = nullptr;  // one more, which is zero before the next kernel begins
+  // One more, which is set first of all: the next kernel may use it before it waits for this one. Nothing promises that it
+  // finds the zero there, so it may stand for nothing that a pixel depends on.
+  uint64_t* early = nullptr;
 
   static Zeros of(uint64_t* first, int count) { return {reinterpret_cast<uint32_t*>(first), 2 * count}; }
 
@@ -81,7 +83,7 @@ inline int64_t grid_blocks(int64_t count, int64_t each) {
 // A kernel of a frame begins while the one in front of it still ends: it may not touch what that one writes before
 // wait_for_previous(), which every kernel but a frame's first calls, so that none can overtake the one before last
 // either. What the one before last has written it may read at once if the one in front lets it begin only after having
-// waited itself: then that was complete in memory before.
+// waited itself: then that was complete in memory before. Zeros::early is an exception.
 __device__ __forceinline__ void wait_for_previous() {
 #if __CUDA_ARCH__ >= 900
   cudaGridDependencySynchronize();

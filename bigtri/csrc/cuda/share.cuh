@@ -108,8 +108,8 @@ struct Filed {
 };
 
 // Adds what a warp's large triangles cover to the samples, and says whether to let them wait. Those of a small sample are
-// drawn soon enough to do so without waiting for the kernels in front, while which the others add theirs. By all lanes.
-// Rarely called, so that its registers cost the others nothing.
+// drawn at once; the others wait for the kernels in front, and meanwhile more samples are added. By all lanes. Rarely
+// called, so that its registers cost the others nothing.
 __device__ __noinline__ bool large_ones_wait(const RowLimits& limits, int pixels) {
   const int all = __shfl_sync(kAllLanes, warp_sum_up_to(pixels), kWarp - 1);
   if (lane_id() == 0)
@@ -124,16 +124,16 @@ __device__ __noinline__ bool large_ones_wait(const RowLimits& limits, int pixels
   return __shfl_sync(kAllLanes, many, 0);
 }
 
-// Puts the lanes' primitives in their places in shared memory; have: whether this lane has one; kAnyLarge: whether the
-// limits let any be large. By all lanes; ends with a barrier of the warp.
-template <bool kAnyLarge>
+// Puts the lanes' primitives in their places in shared memory; have: whether this lane has one; kSamples: whether large
+// ones are a sample. By all lanes; ends with a barrier of the warp.
+template <bool kSamples>
 __device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_t triangle, int32_t view, bool have,
                                       const RowLimits& limits, WarpShared* s) {
   bool by_rows = have && fits_rows(p, limits.widest);
   int pixels = 0;  // that it covers, about; of what the screen cuts no more than its box has
   if (by_rows) pixels = min_of((p.x1 - p.x0) * (p.y1 - p.y0), (int)(p.area / kSubpixel / kSubpixel / 2));
   const bool large = pixels > kLarge;
-  if (kAnyLarge && limits.samples && __any_sync(kAllLanes, large))
+  if (kSamples && limits.samples && __any_sync(kAllLanes, large))
     by_rows &= !(large_ones_wait(limits, large ? pixels : 0) && large);
   const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, have && !by_rows);
   count_work(f, Counter::records, by_rows);
@@ -148,8 +148,8 @@ __device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_
   return {__popc(rows), __popc(rest)};
 }
 
-// Files the `count` primitives that were left over. By all lanes. Rarely called, so that its registers cost the small
-// ones nothing.
+// Files the `count` primitives that were left over, too few for a sample. By all lanes. Rarely called, so that its registers
+// cost the small ones nothing.
 __device__ __noinline__ Filed file_left(const Frame& f, int32_t view, int count, const RowLimits& limits,
                                         WarpShared* s) {
   const bool have = lane_id() < count;
@@ -162,14 +162,14 @@ __device__ __noinline__ Filed file_left(const Frame& f, int32_t view, int count,
 
 // Clips triangle t of a view and files the parts. By all lanes. Rarely called, so that its registers cost the others
 // nothing.
-template <bool kAnyLarge>
+template <bool kSamples>
 __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_t t, const RowLimits& limits,
                                             WarpShared* s) {
   __syncwarp();
   Primitive part;
   const bool have = clip_part(f, view, t, &s->clip, &part);
   __syncwarp();
-  return file<kAnyLarge>(f, part, f.first_triangle + t, view, have, limits, s);
+  return file<kSamples>(f, part, f.first_triangle + t, view, have, limits, s);
 }
 
 // Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
@@ -200,7 +200,7 @@ __device__ __noinline__ void draw_left(FramePixel pixels, int width, int warp, S
 template <Way kWay>
 struct Drawing {
   static constexpr bool kTogether = kWay == Way::kTogether, kLeaves = kWay == Way::kEven;
-  static constexpr bool kAnyLarge = kTogether || kLeaves;  // the others draw none by rows
+  static constexpr bool kSamples = kTogether || kLeaves;  // the others' are 64 px wide at most, hardly large
   static constexpr int kWarps = block_warps(kWay);
 
   const Frame& f;
@@ -252,7 +252,7 @@ struct Drawing {
         draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
         if (left) filed = file_left(f, share.view, __popc(left), limits, s);
       } else if (__any_sync(kAllLanes, have)) {
-        filed = file<kAnyLarge>(f, p, f.first_triangle + t, share.view, have, limits, s);
+        filed = file<kSamples>(f, p, f.first_triangle + t, share.view, have, limits, s);
       }
     }
     if (kTogether) {
@@ -283,7 +283,7 @@ struct Drawing {
       }
       if (!clip) break;
       const int number = __ffs(clip) - 1;
-      filed = clip_and_file<kAnyLarge>(
+      filed = clip_and_file<kSamples>(
           f, share.view, kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), limits, s);
       clip &= clip - 1;
       all_draw = false;

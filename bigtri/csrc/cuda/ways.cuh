@@ -103,9 +103,9 @@ inline int log_neighbours(const Frame& f, Way way, int64_t resident) {
 }
 static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 
-// What is drawn by rows: nothing with a side above `widest` px; and if triangles that cover more than kLarge pixels are
-// many, none of these. A row costs an atomic a pixel, and a block draws it alone. How many they are the blocks find out
-// from each other: those that are set up together are a sample, and all that have any add theirs to `samples`.
+// What is drawn by rows: nothing with a side above `widest` px; and none of those that cover more than kLarge pixels if such
+// ones have many on average. A row costs an atomic a pixel, and a block draws it alone. How many they have the blocks find
+// out from each other: what is set up together is a sample, and all that have large ones add theirs to `samples`.
 struct RowLimits {
   int widest;
   int most_large;  // px of the large ones of a sample, on average
