@@ -194,7 +194,10 @@ struct Rows {
 
 Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
   Rows r;
-  r.waiting = take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles));
+  const int64_t turns =
+      all_or_few(f) ? LastTurns::words(min_of<int64_t>(LastTurns::kMost, (f.count + kWarp - 1) / kWarp)) : 0;
+  r.waiting =
+      take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles), turns);
   r.projected = take_projected(scratch, f, way_of(v.share) == Way::kTested);
   r.ranges = f.ranges ? scratch->take<ViewRange>(f.views) : nullptr;
   return r;
@@ -272,7 +275,10 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
       share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
   const Way way = r.sharing.way;
   if (way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
-  BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views), stream));
+  const int64_t warps = way == Way::kAllOrFew ? (int64_t)r.sharing.blocks * block_warps(way) : 0;
+  const bool offers = warps > 0 && r.sharing.turns > 0 && warps <= LastTurns::kMost;
+  if (offers) r.sharing.last_turns = {r.waiting.last_turns, r.waiting.last_turns + LastTurns::words(0)};
+  BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, offers ? LastTurns::words(warps) : 0), stream));
   r.limits = {widest_rows(f, way, v.widest), most_large(f, r.sharing.each), v.widest > 0 ? nullptr : r.waiting.samples};
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);

@@ -1,7 +1,7 @@
 // What becomes of a block's share of the triangles: set-up, drawing by rows or boxes, and what is left to the caller.
 #pragma once
 
-#include "primitives.cuh"
+#include "last_turns.cuh"
 #include "rows.cuh"
 #include "small.cuh"
 #include "ways.cuh"
@@ -307,12 +307,10 @@ __device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_
       const int count = find_waiting(drawing.f, drawing.own_projected, step, end, search);
       drawing.draw(search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))], count, rest);
     } else {
-      const int32_t next = reread(search->next), count = min_of(kWarp, end - next);
+      const int32_t until = reread(search->offers) ? reread(search->until) : end;
+      const int32_t next = reread(search->next), count = min_of(kWarp, until - next);
       const int shown = drawing.draw(next + min_of(lane_id(), count - 1), count, rest);
-      if (lane_id() == 0) {
-        search->next += min_of(step, end - search->next);
-        search->test = shown < kMostlyShown;
-      }
+      if (lane_id() == 0) next_turn(drawing.sharing, step, end, shown, search);
       __syncwarp();
     }
   } while (search->goes_on(end));

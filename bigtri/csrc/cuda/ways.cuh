@@ -43,6 +43,16 @@ constexpr Way way_of(int64_t each) {
 
 constexpr uint32_t kSpread = 35;  // the least Sharing::spread
 
+// All or few: what becomes of the last turns, in memory that is zero at first; see last_turns.cuh.
+struct LastTurns {
+  enum With : uint32_t { kOwn, kOffered, kTaken };
+  uint32_t* looked_at;  // how many, by warps that have nothing else to do
+  uint32_t* with;  // a With of each; null: each warp draws its own
+
+  static constexpr int64_t kMost = 1 << 14;  // more than there are warps at once
+  static constexpr int64_t words(int64_t warps) { return 1 + warps; }
+};
+
 struct Sharing {
   Way way;
   int each;  // triangles of a block, if not in turns
@@ -51,6 +61,8 @@ struct Sharing {
   uint32_t blocks;  // of a view, if all draw the same triangles
   bool in_turns;  // tested: all blocks, which the device holds at once, take triangles of the only view in turns
   uint32_t spread;  // in turns: how far from each other neighbouring blocks begin; prime to `blocks`
+  int turns;  // in turns: of 32 triangles that every warp has
+  LastTurns last_turns;
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
 
@@ -138,6 +150,11 @@ inline int most_large(const Frame& f, int each) {
 // Sharing::own_pixels. Below that a warp is sooner done than the others can begin to help.
 inline int own_pixels(const Frame& f) { return (int64_t)f.view.width * f.view.height > kHugeImage ? 4096 : 2048; }
 
+inline bool all_or_few(const Frame& f) {
+  // Where faces are culled, half of those that show are not drawn, and nearly all never are.
+  return f.views == 1 && !f.ranges && pixels_each(f) <= kLeastPixels && f.view.cull == kCullNone;
+}
+
 // Shares triangles among blocks. each: triangles of a block as the caller wants, or 0. ranges: memory for the views'
 // ranges, or null. kernel: that of kEven.
 template <class Kernel>
@@ -148,15 +165,17 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   s->each = each > 0 ? (int)each : share_size(f, resident, projected);
   s->way = way_of(s->each);
   s->in_turns = s->way == Way::kTested && f.views == 1 && !ranges;
-  // Where faces are culled, half of those that show are not drawn, and nearly all never are.
-  if (s->in_turns && pixels_each(f) <= kLeastPixels && f.view.cull == kCullNone) s->way = Way::kAllOrFew;
+  if (s->in_turns && all_or_few(f)) s->way = Way::kAllOrFew;
   s->log_neighbours = log_neighbours(f, s->way, resident);
   s->own_pixels = own_pixels(f);
   s->spread = kSpread;
+  s->turns = 0;
+  s->last_turns = {};
   if (s->in_turns) {  // places for kEven's blocks are as many warps for these
     const int64_t held = (int64_t)resident * block_warps(Way::kEven) / block_warps(Way::kTested);
     s->blocks = (uint32_t)min_of(held, grid_blocks(f.count, block_threads(Way::kTested)));
     while (std::gcd(s->spread, s->blocks) > 1) ++s->spread;
+    s->turns = f.count / ((int)s->blocks * block_threads(Way::kTested));
   } else {
     s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
   }
