@@ -61,7 +61,7 @@ struct Sharing {
   uint32_t blocks;  // of a view, if all draw the same triangles
   bool in_turns;  // tested: all blocks, which the device holds at once, take triangles of the only view in turns
   uint32_t spread;  // in turns: how far from each other neighbouring blocks begin; prime to `blocks`
-  int turns;  // in turns: of 32 triangles that every warp has
+  int turns;  // in turns: how many every warp has, of 32 triangles each
   LastTurns last_turns;
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
