@@ -186,18 +186,19 @@ def test_triangles_in_turns(variant: str) -> None:
     corners[: len(corners) // 2, 1:, :2] += rng.normal(0, 0.5, (len(corners) // 2, 2, 2))
     corners[len(corners) // 2 :, 1:, :2] = corners[len(corners) // 2 :, :1, :2] + 1e-3
     cases += [soup(corners[:count], (9, 11)) for count in counts]
-    # Nearly all show: warps offer their last turn, as soon as two turns did, and draw those of others. The last 512 are nearest,
-    # so that what is left out is seen, and of each 32 one is dropped, so that what is drawn twice is counted. In the last case a
-    # third of the warps begins with what does not show, and offers nothing.
-    corners = random_corners(rng, 3072, 0.5)
+    # Nearly all show: warps give their last turns away as soon as two turns did, one turn or two, or in the last case two turns
+    # together, and take them again. The last 1,024 are nearest, so that what is left out is seen, and of each 32 one is dropped,
+    # so that what is drawn twice is counted. In the last two cases a third of the warps begins with what does not show, and
+    # gives nothing.
+    corners = random_corners(rng, 8300, 0.5)
     corners[:, :, 2] = rng.uniform(0, 0.9, (len(corners), 1)) * corners[:, :, 3]
-    for count in (*range(1537, 2049, 73), 2657, 3000, 3072):
+    for count in (*range(2049, 2561, 73), 3072, 3700, 4096, 8300):
         near = corners.copy()
-        near[count - 512 :, :, 2] *= -1
+        near[count - 1024 :, :, 2] *= -1
         near[::31, 1, 2] = np.nan
         cases.append(soup(near[:count], (9, 11)))
     near[np.arange(len(near)) // 32 % 3 == 1, 1:] = near[np.arange(len(near)) // 32 % 3 == 1, :1] + 1e-3
-    cases.append(soup(near[:3000], (9, 11)))
+    cases += [soup(near[:count], (9, 11)) for count in (3700, 8300)]
     assert_right([job(case, variant, PATHS["tested"]) for case in cases])
 
 

@@ -194,8 +194,7 @@ struct Rows {
 
 Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
   Rows r;
-  const int64_t turns =
-      all_or_few(f) ? LastTurns::words(min_of<int64_t>(LastTurns::kMost, (f.count + kWarp - 1) / kWarp)) : 0;
+  const int64_t turns = all_or_few(f) ? LastTurns::words(LastTurns::kMost) : 0;
   r.waiting =
       take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles), turns);
   r.projected = take_projected(scratch, f, way_of(v.share) == Way::kTested);
@@ -275,10 +274,16 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
       share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
   const Way way = r.sharing.way;
   if (way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
-  const int64_t warps = way == Way::kAllOrFew ? (int64_t)r.sharing.blocks * block_warps(way) : 0;
-  const bool offers = warps > 0 && r.sharing.turns > 0 && warps <= LastTurns::kMost;
-  if (offers) r.sharing.last_turns = {r.waiting.last_turns, r.waiting.last_turns + LastTurns::words(0)};
-  BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, offers ? LastTurns::words(warps) : 0), stream));
+  int64_t zeros = 0;  // words for last turns
+  if (way == Way::kAllOrFew && f.count > 0) {
+    const int64_t in_turn = (int64_t)r.sharing.blocks * block_threads(way);
+    const int64_t room = min_of<int64_t>(LastTurns::kMost, in_turn / kWarp);
+    uint32_t* const words = r.waiting.last_turns;
+    r.sharing.last_turns = {words, words + 1, words + LastTurns::words(0), (uint32_t)room,
+                            (int)max_of<int64_t>(1, f.count / in_turn / 8)};
+    zeros = LastTurns::words(room);
+  }
+  BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream));
   r.limits = {widest_rows(f, way, v.widest), most_large(f, r.sharing.each), v.widest > 0 ? nullptr : r.waiting.samples};
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);

@@ -28,9 +28,8 @@ struct Search {
   bool test;  // whether to test, or to take all, because most of those tested may show
   // All or few, as in last_turns.cuh:
   int streak;  // turns in a row that were drawn untested, and of which most showed
-  bool offers;  // whether others may have the warp's last turn
-  int32_t own;  // that turn's number, until the warp has asked for it
-  int32_t until;  // the triangle before which to stop and ask for a last turn, where it offers
+  int32_t until;  // the triangle before which to stop
+  uint32_t gave;  // 1 + the number of the last piece that was given, or 0
   int32_t list[2 * kWarp];
 
   // tests: whether it is worth while to test any. By all lanes.
@@ -39,8 +38,6 @@ struct Search {
       next = first;
       waiting = 0;
       test = tests;
-      streak = 0;
-      offers = false;
     }
     __syncwarp();
   }

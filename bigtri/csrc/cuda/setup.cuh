@@ -31,6 +31,13 @@ __device__ __forceinline__ T* kept(T* p) {
   return p;
 }
 
+// Where the warp is among the places for warps that its multiprocessor has. A hint: it may be moved.
+__device__ __forceinline__ int place_of_warp() {
+  int place;
+  asm volatile("mov.u32 %0, %%warpid;" : "=r"(place));
+  return place;
+}
+
 // A value in shared memory, read again instead of kept in a register.
 template <class T>
 __device__ __forceinline__ T reread(const T& v) {

@@ -300,20 +300,26 @@ template <Way kWay, class Rest>
 __device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_t begin, int32_t end, Search* search,
                                             const Rest& rest) {
   const int32_t step = drawing.share.step;
+  if (kWay == Way::kAllOrFew && lane_id() == 0) {
+    search->streak = 0;
+    search->until = end;
+    search->gave = 0;
+  }
   search->begin(begin, true);
 #pragma unroll 1
   do {
-    if (kWay == Way::kTested || reread(search->test) || reread(search->next) >= end) {
-      const int count = find_waiting(drawing.f, drawing.own_projected, step, end, search);
+    const int32_t until = kWay == Way::kAllOrFew ? reread(search->until) : end;
+    if (kWay == Way::kTested || reread(search->test) || reread(search->next) >= until) {
+      const int count = find_waiting(drawing.f, drawing.own_projected, step, until, search);
       drawing.draw(search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))], count, rest);
     } else {
-      const int32_t until = reread(search->offers) ? reread(search->until) : end;
       const int32_t next = reread(search->next), count = min_of(kWarp, until - next);
       const int shown = drawing.draw(next + min_of(lane_id(), count - 1), count, rest);
-      if (lane_id() == 0) next_turn(drawing.sharing, step, end, shown, search);
+      if (lane_id() == 0) next_turn(drawing.sharing, shown, search);
       __syncwarp();
     }
-  } while (search->goes_on(end));
+  } while (search->goes_on(kWay == Way::kAllOrFew ? reread(search->until) : end) ||
+           (kWay == Way::kAllOrFew && goes_on_with_others(drawing.f, drawing.sharing, search)));
 }
 
 // Sets up a block's share and draws what fits by rows. What is left goes to rest(view, records, their number), which

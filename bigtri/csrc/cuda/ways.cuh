@@ -45,12 +45,15 @@ constexpr uint32_t kSpread = 35;  // the least Sharing::spread
 
 // All or few: what becomes of the last turns, in memory that is zero at first; see last_turns.cuh.
 struct LastTurns {
-  enum With : uint32_t { kOwn, kOffered, kTaken };
-  uint32_t* looked_at;  // how many, by warps that have nothing else to do
-  uint32_t* with;  // a With of each; null: each warp draws its own
+  uint32_t* given;  // how many pieces were given, or were to be
+  uint32_t* taken;  // how many were asked for
+  uint32_t* pieces;  // of each the first triangle + 1, or one of those below; null: each warp draws all of its own
+  uint32_t room;  // for pieces
+  int turns;  // of a piece
 
-  static constexpr int64_t kMost = 1 << 14;  // more than there are warps at once
-  static constexpr int64_t words(int64_t warps) { return 1 + warps; }
+  static constexpr uint32_t kNone = 0, kClosed = ~0u;  // not given yet; asked for
+  static constexpr int64_t kMost = 1 << 14;  // pieces: more than there are warps at once
+  static constexpr int64_t words(int64_t pieces) { return 2 + pieces; }
 };
 
 struct Sharing {
@@ -61,7 +64,6 @@ struct Sharing {
   uint32_t blocks;  // of a view, if all draw the same triangles
   bool in_turns;  // tested: all blocks, which the device holds at once, take triangles of the only view in turns
   uint32_t spread;  // in turns: how far from each other neighbouring blocks begin; prime to `blocks`
-  int turns;  // in turns: how many every warp has, of 32 triangles each
   LastTurns last_turns;
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
@@ -169,13 +171,11 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   s->log_neighbours = log_neighbours(f, s->way, resident);
   s->own_pixels = own_pixels(f);
   s->spread = kSpread;
-  s->turns = 0;
   s->last_turns = {};
   if (s->in_turns) {  // places for kEven's blocks are as many warps for these
     const int64_t held = (int64_t)resident * block_warps(Way::kEven) / block_warps(Way::kTested);
     s->blocks = (uint32_t)min_of(held, grid_blocks(f.count, block_threads(Way::kTested)));
     while (std::gcd(s->spread, s->blocks) > 1) ++s->spread;
-    s->turns = f.count / ((int)s->blocks * block_threads(Way::kTested));
   } else {
     s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
   }
