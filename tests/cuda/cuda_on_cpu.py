@@ -47,11 +47,8 @@ CHANGES = (
     (r"extern __shared__ __align__\(16\) char memory\[\];", "char* memory = dynamic_shared;"),
     (r"__shared__ ", "static "),
     (r'asm volatile\("mov\.u32 %0, %%tid\.x;".*', "i = threadIdx.x;"),
-    # Blocks run one after the other: those that give their last turns away come before those that take them, and after.
-    (
-        r'asm volatile\("mov\.u32 %0, %%warpid;".*',
-        "place = (int)(blockIdx.x % 2 ? 0 : 7 - blockIdx.x % 8) * 4 + (int)(threadIdx.x / 32);",
-    ),
+    # Of a block's four warps two are in late places of a multiprocessor, one of them in the last, and two in early ones.
+    (r'asm volatile\("mov\.u32 %0, %%warpid;".*', "place = 4 * (const int[]){7, 5, 0, 0}[threadIdx.x / 32 % 4];"),
     (r'asm volatile\("st\.global\.cs\.v2.*', "if ((uintptr_t)to & 15) abort(); to[0] = a; to[1] = b;"),
     (r'asm\("rcp\.approx\.ftz\.f32.*', "inverse = 1.0f / v;"),
     (r'asm\("rcp\.approx\.ftz\.f64.*', "r = 1.0 / v * (1.0 + 1.0 / (1 << 18));"),

@@ -19,7 +19,7 @@ __device__ __forceinline__ int pieces_to_give() {
   return place >= 7 ? 2 : place >= 5 ? 1 : 0;
 }
 
-// Gives away what the warp would have drawn last, but for one turn at least. What finds no room, or comes when somebody has
+// Gives away what the warp would have drawn last; it keeps one turn at least. What finds no room, or comes when somebody has
 // looked there in vain, is not given. By one lane. Rarely called, so that its registers cost the others nothing.
 __device__ __noinline__ void give_last_turns(const LastTurns& s, int32_t step, Search* search) {
   for (int pieces = s.pieces ? pieces_to_give() : 0; pieces > 0; --pieces) {
@@ -70,6 +70,7 @@ __device__ __forceinline__ void next_turn(const Sharing& s, int shown, Search* s
 __device__ __forceinline__ bool goes_on_with_others(const Frame& f, const Sharing& s, Search* search) {
   bool more = false;
   if (lane_id() == 0) more = take_last_turns(s.last_turns, turn_step(s), f.count, search);
+  __syncwarp();
   return __any_sync(kAllLanes, more);
 }
 

@@ -38,7 +38,7 @@ __device__ __forceinline__ int place_of_warp() {
   return place;
 }
 
-// A value in shared memory, read again instead of kept in a register.
+// A value in memory, read again instead of kept in a register.
 template <class T>
 __device__ __forceinline__ T reread(const T& v) {
   return *const_cast<const volatile T*>(&v);

@@ -294,8 +294,9 @@ struct Drawing {
 };
 
 // Tested: draws the warp's triangles from `begin` on, up to `end`. All or few: where most of 32 show, it draws the next 32
-// as they are, with no list in between, until fewer do. The host chooses that where few or nearly all show: warps of a
-// multiprocessor that take turns between both loops hold each other up. By all lanes.
+// as they are, with no list in between, until fewer do; and it may give its last ones away, or draw those of others, as in
+// last_turns.cuh. The host chooses that where few or nearly all show: warps of a multiprocessor that take turns between both
+// loops hold each other up. By all lanes.
 template <Way kWay, class Rest>
 __device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_t begin, int32_t end, Search* search,
                                             const Rest& rest) {
