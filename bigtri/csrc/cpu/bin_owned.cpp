@@ -14,6 +14,11 @@
 #include <numeric>
 #include <vector>
 
+#if defined(__linux__)
+#include <sys/mman.h>
+#include <unistd.h>
+#endif
+
 #include "counting.h"
 #include "groups.h"
 
@@ -124,7 +129,7 @@ struct Stores {
 };
 
 Stores stores_of(const CheckedFrame& frame, int threads) {
-  const int64_t pixels = (int64_t)frame.views * frame.view.width * frame.view.height;
+  const int64_t pixels = pixels_of_all(frame);
   return {pixels > kPackedInCache, pixels > kDepthInCache, pixels <= kRowsInCache || threads > 1 ? kRowsInCache : 0};
 }
 
@@ -405,8 +410,32 @@ Share share_of(const CheckedFrame& frame, int threads, int64_t most_records) {
   return {std::clamp<int64_t>(kRecordsToJoin / frame.count, 1, frame.views / (kViewsPerThread * threads)), most};
 }
 
+// Whether nothing has been written to an image's memory yet, asked of the page in its middle.
+bool is_new(const void* image, int64_t bytes) {
+#if defined(__linux__)
+  const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), middle = (uintptr_t)image + (uintptr_t)bytes / 2;
+  unsigned char resident = 1;
+  return mincore((void*)(middle / page * page), 1, &resident) == 0 && !(resident & 1);
+#else
+  return false;
+#endif
+}
+
+// The system clears a page of new memory when a thread first writes to it, and two that do at the same time both clear it.
+// So each thread touches pages of its own before any of them draws.
+template <class T>
+void touch_if_new(T* image, int64_t pixels, const Parallel& parallel) {
+  constexpr int64_t kHugePage = int64_t{2} << 20, kLeast = 2 * kHugePage;  // below that it is not worth to ask
+  const int64_t bytes = pixels * (int64_t)sizeof(T);
+  if (parallel.threads == 1 || !image || bytes < kLeast || !is_new(image, bytes)) return;
+  parallel((bytes + kHugePage - 1) / kHugePage,
+           [&](int64_t page) { *(reinterpret_cast<volatile char*>(image) + page * kHugePage) = 0; });
+}
+
 void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {
   const int threads = parallel.threads;
+  touch_if_new(frame.packed, pixels_of_all(frame), parallel);
+  touch_if_new(frame.depth, pixels_of_all(frame), parallel);
   const int64_t most_records = values[kRecords], most_candidates = values[kCandidates];
   const Stores stores = stores_of(frame, threads);
   const Share share = share_of(frame, threads, most_records);
