@@ -14,13 +14,9 @@
 #include <numeric>
 #include <vector>
 
-#if defined(__linux__)
-#include <sys/mman.h>
-#include <unistd.h>
-#endif
-
 #include "counting.h"
 #include "groups.h"
+#include "pages.h"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -403,28 +399,6 @@ Share share_of(const CheckedFrame& frame, int threads, int64_t most_records) {
   if (threads == 1 || frame.views < kViewsPerThread * threads || !frame.view_stride || !used) return {0, 0};
   if (frame.count > most || used > kGroupVertices / threads) return {0, 0};
   return {std::clamp<int64_t>(kRecordsToJoin / frame.count, 1, frame.views / (kViewsPerThread * threads)), most};
-}
-
-// Whether nothing has been written to an image's memory yet, asked of the page in its middle.
-bool is_new(const void* image, int64_t bytes) {
-#if defined(__linux__)
-  const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), middle = (uintptr_t)image + (uintptr_t)bytes / 2;
-  unsigned char resident = 1;
-  return mincore((void*)(middle / page * page), 1, &resident) == 0 && !(resident & 1);
-#else
-  return false;
-#endif
-}
-
-// The system clears a page of new memory when a thread first writes to it, and two that do at the same time both clear it.
-// So each thread touches pages of its own before any of them draws.
-template <class T>
-void touch_if_new(T* image, int64_t pixels, const Parallel& parallel) {
-  constexpr int64_t kHugePage = int64_t{2} << 20, kLeast = 2 * kHugePage;  // below that it is not worth to ask
-  const int64_t bytes = pixels * (int64_t)sizeof(T);
-  if (parallel.threads == 1 || !image || bytes < kLeast || !is_new(image, bytes)) return;
-  parallel((bytes + kHugePage - 1) / kHugePage,
-           [&](int64_t page) { *(reinterpret_cast<volatile char*>(image) + page * kHugePage) = 0; });
 }
 
 void draw(const CheckedFrame& frame, const Parallel& parallel, const int64_t* values) {

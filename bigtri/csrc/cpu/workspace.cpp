@@ -8,6 +8,8 @@
 #include <sys/mman.h>
 #endif
 
+#include "pages.h"
+
 namespace bigtri {
 namespace {
 
@@ -19,8 +21,7 @@ constexpr int kPlaces = 64;
 std::atomic<Workspace*> places[kPlaces];
 std::atomic<int64_t> kept{0};  // bytes in all places
 
-constexpr int64_t kAlignment = 64, kHugePage = int64_t{2} << 20;
-constexpr int64_t kSmallestHuge = int64_t{4} << 20;  // bytes
+constexpr int64_t kAlignment = 64;  // bytes
 
 // Memory of so many bytes begins on a multiple of this, and so does its end.
 std::align_val_t unit_of(int64_t bytes) { return std::align_val_t(bytes >= kSmallestHuge ? kHugePage : kAlignment); }

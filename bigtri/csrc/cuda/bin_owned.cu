@@ -275,12 +275,12 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   const Way way = r.sharing.way;
   if (way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
   int64_t zeros = 0;  // words for last turns
-  if (way == Way::kAllOrFew && f.count > 0) {
+  if (way == Way::kAllOrFew) {
     const int64_t in_turn = (int64_t)r.sharing.blocks * block_threads(way);
     const int64_t room = min_of<int64_t>(LastTurns::kMost, in_turn / kWarp);
     uint32_t* const words = r.waiting.last_turns;
     r.sharing.last_turns = {words, words + 1, words + LastTurns::words(0), (uint32_t)room,
-                            (int)max_of<int64_t>(1, f.count / in_turn / 8)};
+                            (int)max_of<int64_t>(1, f.count / in_turn / LastTurns::kPieces)};
     zeros = LastTurns::words(room);
   }
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream));

@@ -307,9 +307,10 @@ __device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_
     search->gave = 0;
   }
   search->begin(begin, true);
+  const auto stop = [&] { return kWay == Way::kAllOrFew ? reread(search->until) : end; };
 #pragma unroll 1
   do {
-    const int32_t until = kWay == Way::kAllOrFew ? reread(search->until) : end;
+    const int32_t until = stop();
     if (kWay == Way::kTested || reread(search->test) || reread(search->next) >= until) {
       const int count = find_waiting(drawing.f, drawing.own_projected, step, until, search);
       drawing.draw(search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))], count, rest);
@@ -319,7 +320,7 @@ __device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_
       if (lane_id() == 0) next_turn(drawing.sharing, shown, search);
       __syncwarp();
     }
-  } while (search->goes_on(kWay == Way::kAllOrFew ? reread(search->until) : end) ||
+  } while (search->goes_on(stop()) ||
            (kWay == Way::kAllOrFew && goes_on_with_others(drawing.f, drawing.sharing, search)));
 }
 

@@ -52,6 +52,7 @@ struct LastTurns {
   int turns;  // of a piece
 
   static constexpr uint32_t kNone = 0, kClosed = ~0u;  // not given yet; asked for
+  static constexpr int64_t kPieces = 8;  // that a warp's turns would make
   static constexpr int64_t kMost = 1 << 14;  // pieces: more than there are warps at once
   static constexpr int64_t words(int64_t pieces) { return 2 + pieces; }
 };
