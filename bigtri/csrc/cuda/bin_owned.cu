@@ -1,7 +1,7 @@
 // The variant that "auto" means. How triangles get to the pixels depends on how many there are, which the host knows
 // without asking the device:
 //   few   one kernel: every block sets up all triangles by itself, looks at all of them for each of its patches of the
-//         image, and writes each pixel once;
+//         image, and writes each pixel once, or draws small ones by rows onto the patch;
 //   rows  three kernels: clear; set-up, which draws most triangles at once by rows and puts what is too large for that
 //         into lists; blocks draw these onto the rest, patch by patch, and slivers. All views of a batch together.
 
@@ -284,7 +284,8 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
     zeros = LastTurns::words(room);
   }
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream));
-  r.limits = {widest_rows(f, way, v.widest), most_large(f, r.sharing.each), v.widest > 0 ? nullptr : r.waiting.samples};
+  r.limits = {widest_rows(f, way, v.widest), most_large(f, r.sharing.each),
+              v.widest > 0 ? nullptr : r.waiting.samples};
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);
   }));
@@ -298,9 +299,9 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
 
 // ---
 
-// Where triangles are few for the image, they are large, or most of its patches are empty and rows are sooner done: a
-// number says nothing of which. From these pixels on, few takes up to 1.9 times as long as rows, and rows up to 2.3
-// times as long as few. Rows of more triangles are spread over more blocks, while each block of `few` sets up all.
+// Where triangles are few for the image, they are large, or most of its patches are empty: a number says nothing of which.
+// From these pixels on, few takes up to 1.2 times as long as rows, and rows up to 2.3 times as long as few. Rows of more
+// triangles are spread over more blocks, while each block of `few` sets up all.
 constexpr double kLeastPixelsOfFew = 200;
 bool are_few(const Frame& f, const Values& v) {
   return f.views == 1 && !f.ranges &&
@@ -320,10 +321,15 @@ int region_of(const Frame& f, const Values& v) {
   return pixels <= 1 << 17 ? 4 : pixels <= 1 << 20 ? 8 : kRegion;
 }
 
+// Up to so many pixels patches are 64x8 px, whatever the number of warps: not many more of them than multiprocessors.
+constexpr int64_t kTinyImage = 1 << 16;
+
 template <int kWarps>
 cudaError_t launch_few_with(const Frame& f, const Values& v, cudaStream_t stream) {
   switch (region_of(f, v)) {
-    case 4: return launch_few<Patch<kWarps, 1>>(f, v, stream);
+    case 4:
+      if (pixels_of_all(f) <= kTinyImage) return launch_few<Patch<kWarps, 1, kWarps / 8>>(f, v, stream);
+      return launch_few<Patch<kWarps, 1>>(f, v, stream);
     case 8: return launch_few<Patch<kWarps, 2>>(f, v, stream);
     default: return launch_few<Patch<kWarps, 4>>(f, v, stream);
   }

@@ -4,7 +4,7 @@
 // behind which nothing can be seen.
 #pragma once
 
-#include "region.cuh"
+#include "patch_rows.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -50,18 +50,39 @@ constexpr int kMostEntries = kEntriesOfWarp * kMostWarps;
 
 constexpr int kTurn = 8;  // patches that a block takes at a time
 
-// The regions of a block's warps in a bin, and what is known of them; 16 bytes, to be read at once.
-template <int kBlockWarps, int kLaneRows>
+// A patch's entries are drawn by rows if there are more than kFewEntries, whose boxes have fewer pixels in it on average than
+// kSmallEntry, and than kSmallEntryRow for each of its rows. Larger ones cost less by regions, and hide others there.
+constexpr int kFewEntries = 4, kSmallEntry = 192, kSmallEntryRow = 12;  // px
+
+// The regions of a block's warps in a bin, and what is known of them; 16 bytes, to be read at once. kBlockTeams: the warps are
+// so many teams, of which each draws patches of its own where these are drawn by regions.
+template <int kBlockWarps, int kLaneRows, int kBlockTeams = 1>
 struct alignas(16) Patch {
   using Region = RegionOf<kLaneRows>;
   static constexpr int kWarps = kBlockWarps, kThreads = kWarps * kWarp, kMaxEntries = kEntriesOfWarp * kWarps;
-  static constexpr int kRows = kWarps / 4 * Region::kHeight;  // px
+  static constexpr int kTeams = kBlockTeams, kRegions = kWarps / kTeams;  // warps of a team
+  static constexpr int kRows = kRegions / 4 * Region::kHeight;  // px
   static_assert(kBin % kRows == 0, "a patch lies in one bin");
   static constexpr int kNowhere = kBin << 16;  // with no pixel, and in no box
   int left, top;  // px; left: kNowhere behind the last patch
   uint32_t bound;  // bits of the depth behind which nothing of it can be seen
-  int waiting;  // entries in its list
+  int waiting;  // entries in its list, and above kCountBits the pixels of their boxes in it
 
+  static constexpr int kCountBits = 10;
+  static_assert(kMaxEntries < 1 << kCountBits && (int64_t)kMaxEntries * kRows * kBin < 1 << (31 - kCountBits),
+                "both fit");
+  static __device__ int count_in(int waiting) { return waiting & ((1 << kCountBits) - 1); }
+  __device__ int count() const { return count_in(waiting); }
+  __device__ bool by_rows() const {
+    constexpr int kSmall = kRows * kSmallEntryRow < kSmallEntry ? kRows * kSmallEntryRow : kSmallEntry;
+    return count() > kFewEntries && waiting >> kCountBits < kSmall * count();
+  }
+  // What the record adds to `waiting`.
+  __device__ int with(const Record& r) const {
+    const int columns = min_of(r.x1, left + kBin) - max_of(r.x0, left),
+              rows = min_of(r.y1, top + kRows) - max_of(r.y0, top);
+    return 1 + (max_of(columns, 0) * max_of(rows, 0) << kCountBits);
+  }
   __device__ int bin_x() const { return left >> kBinBits; }
   __device__ int bin_y() const { return top >> kBinBits; }
 
@@ -87,9 +108,12 @@ struct PatchShared {
   static constexpr int kThreads = P::kThreads;
   PatchEntry entries[P::kMaxEntries];  // of records in the bin that a patch lies in
   uint16_t list[kThreads];  // those that can be seen: a part for each patch
-  // The threads' next candidates, while those gathered are drawn because there is no room for more; from the last
-  // thread to the first, since else the compiler keeps an address.
-  int32_t cursor[kThreads];
+  union {
+    // The threads' next candidates, while those gathered are drawn because there is no room for more; from the last
+    // thread to the first, since else the compiler keeps an address.
+    int32_t cursor[kThreads];
+    uint32_t spans[kThreads];  // of each warp that draws by rows, where there was room for all
+  };
   P patch[kTurn];
   int view[kTurn];  // of each patch
   int entry_count;  // asked for
@@ -168,7 +192,7 @@ __device__ __forceinline__ void draw_all(const Frame& f, Region& region, const P
 // The calling warp's region of a patch.
 template <class P>
 __device__ __forceinline__ typename P::Region region_of(const P& p) {
-  const int warp = (int)(this_thread() / kWarp);
+  const int warp = (int)(this_thread() / kWarp) % P::kRegions;
   typename P::Region region;
   region.left = p.left + (warp & 3) * kRegion;
   region.top = p.top + (warp >> 2) * P::Region::kHeight;
@@ -266,7 +290,8 @@ __device__ __forceinline__ void gather(const Frame& f, const Candidates& candida
       count_work(f, pending ? Counter::overflows : Counter::entries, 1);
       if (!pending) {
         m.make_entry(candidates.records[m.slot()], &s->entries[place]);
-        s->list[local * each + atomicAdd(&patch.waiting, 1)] = (uint16_t)place;
+        const int before = atomicAdd(&patch.waiting, kLists ? 1 : patch.with(candidates.records[m.slot()]));
+        s->list[local * each + P::count_in(before)] = (uint16_t)place;
       }
     }
     if (i < count && !pending) i = next(i + each);
@@ -339,8 +364,30 @@ __device__ __forceinline__ void draw_region(const Frame& f, int view, Region& re
   }
 }
 
+// The same by rows, of a whole patch. By all threads.
+template <class P>
+__device__ __forceinline__ void draw_by_rows(const Frame& f, const P& patch, const uint16_t* list, bool empty,
+                                             const Record* records) {
+  PatchShared<P>* const s = patch_shared<P>();
+  typename P::Region region = region_of(patch);
+  const bool has_region = this_thread() < P::kRegions * kWarp;
+  if (empty && has_region) {
+    if constexpr (kCounts) region.each(f, [&](int, uint32_t) { count_work(f, Counter::written, 1); });
+    region.clear();
+    region.store_packed(f);
+  }
+  __syncthreads();
+  draw_patch_rows<P::kRows, P::kThreads>(f, patch.left, patch.top, s->entries, list, patch.count(), records,
+                                         s->spans + (this_thread() & ~(kWarp - 1)));
+  if (!f.depth) return;
+  __syncthreads();
+  if (!has_region) return;
+  region.load(f);
+  region.store_depth(f);
+}
+
 // Draws the patches that are this block's, by all of its threads. What can be seen gathers in shared memory; then each
-// warp draws its region of each patch, the pixels in registers, mostly once. If more gathers than there is room for,
+// warp draws its region of each patch, the pixels in registers, mostly once, or all warps draw rows of a patch. If more gathers than there is room for,
 // the patches are drawn several times, each time from what the last one left. Before: begin_turn(f, blockIdx.x),
 // PatchShared::begin, a barrier. Candidates: const Record* records; of those that all patches look at box(int i), for
 // in_box, and int slot(int i); kLists: there can be more of them than threads, there are lists for each
@@ -371,8 +418,14 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
         if (patch.waiting == 0 && (kOutput == Output::kMerge || again)) continue;
         const uint16_t* const list = s->list + k * (kThreads >> together_bits);
         const bool empty = kOutput == Output::kMerge || !again;
+        if constexpr (!kLists)
+          if (patch.by_rows() && reread(s->entry_count) <= room) {
+            draw_by_rows(f, patch, list, empty, candidates.records);
+            continue;
+          }
+        if (k % P::kTeams != (int)(this_thread() / kWarp) / P::kRegions) continue;  // another team's
         typename P::Region region = region_of(patch);
-        draw_region<kOutput>(f, kLists ? s->view[group + k] : 0, region, s->entries, list, patch.waiting, empty,
+        draw_region<kOutput>(f, kLists ? s->view[group + k] : 0, region, s->entries, list, patch.count(), empty,
                              candidates.records);
       }
       const bool finished = reread(s->entry_count) <= room;

@@ -81,7 +81,7 @@ struct RegionOf {
       }
       covered &= ~outside;
     }
-    if (e.thin() || e.far()) return draw_special(e, covered, records);
+    if (e.special()) return draw_special(e, covered, records);
     uint32_t undecided;
     if (first && e.plain())  // as most of large triangles
       undecided = each_depth(e, [&](int n, float z, bool decided) {
@@ -150,13 +150,13 @@ struct RegionOf {
     return undecided_depth_of(records + e.slot(), px, py);
   }
 
-  // Thin records, those that reach beyond z = 1, and pixels that are not decided. Not unrolled, but for the choice of the
-  // register.
+  // Thin records, those that reach beyond z = 1, and pixels that are not decided. Each lane goes through its own, of which
+  // a thin record has few. Not unrolled, but for the choice of the register.
   template <class E>
   __device__ __forceinline__ void draw_special(const E& e, uint32_t covered, const Record* records) {
 #pragma unroll 1
-    for (int n = 0; n < kPixels; ++n) {
-      if (!(covered & bit_of(n))) continue;
+    for (; covered; covered &= covered - 1) {
+      const int n = kPixels - __ffs((int)covered);
       const int px = lane_left() + n % 2, py = lane_top() + n / 2 * 4;
       const float z = e.thin() ? thin_depth(records + e.slot(), px, py) : depth_of_pixel(e, px, py, records);
       const int64_t packed = pack_fragment(z, e.triangle);
@@ -185,6 +185,15 @@ struct RegionOf {
   }
 
   __device__ __forceinline__ void store(const Frame& f) const {
+    store_packed(f);
+    if (f.depth) store_depth(f);
+  }
+
+  __device__ __forceinline__ void store_depth(const Frame& f) const {
+    each(f, [&](int n, uint32_t at) { __stcs(f.depth + at, depth_of(best[n])); });
+  }
+
+  __device__ __forceinline__ void store_packed(const Frame& f) const {
     int64_t* const to = f.packed + offset_of(f, computed_here(lane_left()), computed_here(lane_top()));
     const int64_t down = 4 * (int64_t)f.view.width;
     if (left + kRegion > f.view.width || top + kHeight > f.view.height) {
@@ -207,7 +216,6 @@ struct RegionOf {
           __stcs(reinterpret_cast<long long*>(at) + last, (long long)(first ? best[2 * row] : best[2 * row + 1]));
       }
     }
-    if (f.depth) each(f, [&](int n, uint32_t at) { __stcs(f.depth + at, depth_of(best[n])); });
   }
 
   // Where others draw at the same time, in one of several views. The lanes exchange pixels first: then each atomic

@@ -226,10 +226,12 @@ struct RowSpan {
 };
 
 // Cuts the span to the pixels i with f + step * i >= 0. The float32 quotient is off by less than 1/2 wherever the edge
-// crosses the row, so one test in integers settles on which side of the crossing the nearest pixel lies.
+// crosses the row, so one test in integers settles on which side of the crossing the nearest pixel lies. kLast: no pixel
+// behind that one is asked for.
+template <int kLast>
 __device__ __forceinline__ void cut_row(int32_t f, int32_t step, RowSpan* span) {
   // With a step of 0 the quotient is infinite, or a NaN where f is 0, which fmaxf makes 0.
-  const float crossing = fminf(fmaxf((float)-f * near_inverse((float)step), 0.0f), (float)kWidestRows);
+  const float crossing = fminf(fmaxf((float)-f * near_inverse((float)step), 0.0f), (float)kLast);
   const int nearest = __float2int_rn(crossing);
   const int inside = f + step * nearest >= 0 ? 1 : 0;
   if (step >= 0)
@@ -315,7 +317,7 @@ __device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const Row
       count_work(pixels, Counter::rows, span.lower < span.upper);
       count_work(pixels, Counter::edges_32, 3);
 #pragma unroll
-      for (int k = 0; k < 3; ++k) cut_row(r.f[k] + r.sy[k] * down, r.sx[k], &span);
+      for (int k = 0; k < 3; ++k) cut_row<kWidestRows>(r.f[k] + r.sy[k] * down, r.sx[k], &span);
       below = y - (r.y() & -kBin);
       z = row_start(r, y, right);
       const int column = column_of(r, left);
