@@ -273,7 +273,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   BIGTRI_CUDA(
       share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
   const Way way = r.sharing.way;
-  if (way == Way::kTogether) r.projected = nullptr;  // blocks project corners while the image is cleared
+  if (together(way)) r.projected = nullptr;  // blocks project corners while the image is cleared
   int64_t zeros = 0;  // words for last turns
   if (way == Way::kAllOrFew) {
     const int64_t in_turn = (int64_t)r.sharing.blocks * block_threads(way);
@@ -284,7 +284,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
     zeros = LastTurns::words(room);
   }
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream));
-  r.limits = {widest_rows(f, way, v.widest), most_large(f, r.sharing.each),
+  r.limits = {widest_rows(f, way, v.widest), most_large(f, r.sharing.group),
               v.widest > 0 ? nullptr : r.waiting.samples};
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);

@@ -70,10 +70,13 @@ struct ShareShared {
 
   WarpShared warp[kWarps];
   Search search[tests(kWay) ? kWarps : 1];
-  unsigned clip;  // bit k: triangle k of a share that is drawn together has to be clipped
-  int row_counts[kWarps];  // triangles drawn by rows: together of warp 0; even of each warp that leaves rows to all
+  unsigned clip[most_groups(kWay)];  // together: bit k of g: triangle k of group g has to be clipped
+  int row_counts[kWarps];  // triangles drawn by rows: together of each group; even of each warp that leaves rows to all
   int next_row[kWarps];  // the first of these rows
   __device__ ShareShared() {}
+
+  // Together: a group's corners. Its triangles end up in the memory of the warp that sets them up.
+  __device__ __forceinline__ Vertex* corners_of(int group) { return warp[most_groups(kWay) + group].corners; }
 };
 static_assert(sizeof(ShareShared<Way::kEven>) <= 48 * 1024, "as much as a block can have without asking");
 
@@ -92,14 +95,22 @@ __device__ __forceinline__ void own_corners(const Frame& f, int64_t first, int32
   }
 }
 
-// Corners of triangles t, t + stride, ..., `count` of them, a thread each. As above.
-__device__ __forceinline__ void make_corners(const Frame& f, int64_t first_vertex, int32_t t, int32_t stride, int count,
-                                             Vertex* corners) {
-  const int c = (int)threadIdx.x, number = c / 3;
-  if (c >= 3 * count) return;
-  const int32_t index = __ldg(f.triangles + 3 * (int64_t)(t + number * stride) + (c - 3 * number));
-  corners[c] = {0, 0, 0.0f, kNonFinite};
-  if (index >= 0 && index < f.vertices) corners[c] = load_and_project(f, first_vertex + index);
+// Corners of a share that is drawn together, a thread each, where corners_of() has room for each group. As above.
+template <Way kWay>
+__device__ __forceinline__ void make_corners(const Frame& f, int64_t first_vertex, const Share& share, int group,
+                                             ShareShared<kWay>* shared) {
+  constexpr int kGroups = most_groups(kWay), kThreads = block_threads(kWay);
+  static_assert(kGroups <= 3, "groups begin where they are compared with");
+#pragma unroll
+  for (int first = 0; first < 3 * kGroups * kWarp; first += kThreads) {
+    const int c = first + (int)threadIdx.x, number = c / 3;
+    if (c >= 3 * share.count) return;
+    const int at = kGroups > 1 ? (number >= group) + (number >= 2 * group) : 0;
+    const int32_t index = __ldg(f.triangles + 3 * (int64_t)(share.first + number * share.step) + (c - 3 * number));
+    Vertex* const corner = shared->corners_of(at) + (c - 3 * at * group);
+    *corner = {0, 0, 0.0f, kNonFinite};
+    if (index >= 0 && index < f.vertices) *corner = load_and_project(f, first_vertex + index);
+  }
 }
 
 // How many triangles are drawn by rows, and how many are not.
@@ -173,11 +184,11 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
 }
 
 // Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
-// warp 0, whose memory is in use.
+// those that have set up the groups, whose memory is in use.
 template <int kWarps>
-__device__ __forceinline__ unsigned clips_of(unsigned all, int warp) {
+__device__ __forceinline__ unsigned clips_of(unsigned all, int warp, int groups) {
   unsigned mine = 0;
-  for (int turn = 1; all; turn = turn % (kWarps - 1) + 1, all &= all - 1)
+  for (int turn = groups; all; turn = turn < kWarps - 1 ? turn + 1 : groups, all &= all - 1)
     if (turn == warp) mine |= all & -all;
   return mine;
 }
@@ -199,7 +210,8 @@ __device__ __noinline__ void draw_left(FramePixel pixels, int width, int warp, S
 // What a warp draws triangles of its block's share with.
 template <Way kWay>
 struct Drawing {
-  static constexpr bool kTogether = kWay == Way::kTogether, kLeaves = kWay == Way::kEven;
+  static constexpr bool kTogether = together(kWay), kLeaves = kWay == Way::kEven;
+  static constexpr int kGroups = most_groups(kWay);
   static constexpr bool kSamples = kTogether || kLeaves;  // the others' are 64 px wide at most, hardly large
   static constexpr int kWarps = block_warps(kWay);
 
@@ -213,15 +225,19 @@ struct Drawing {
   const int warp;
   ShareShared<kWay>* const shared;
 
-  // Sets up triangle t of each lane below `count`, or of warp 0's where they are drawn together, and draws them; what is
-  // not drawn by rows goes to `rest`. Returns how many of them have a pixel centre in their boxes, or have to be clipped.
-  // By all lanes, or all threads of a block that draws together.
+  // The group that the warp sets up, if any. With one group it is warp 0's, which takes no register.
+  __device__ __forceinline__ int own_group() const { return kGroups > 1 ? warp : 0; }
+
+  // Sets up triangle t of each lane below `count`, and draws them, with those of the other groups where they are drawn
+  // together; what is not drawn by rows goes to `rest`. Returns how many of them have a pixel centre in their boxes, or have
+  // to be clipped. By all lanes, or all threads of a block that draws together.
   template <class Rest>
   __device__ __forceinline__ int draw(int32_t t, int count, const Rest& rest) const {
     WarpShared* const s = &shared->warp[warp];
+    const int groups = kGroups > 1 ? sharing.groups : 1;
     Filed filed = {0, 0};
     unsigned clip = 0, shown = 0;
-    if (!kTogether || warp == 0) {
+    if (!kTogether || (kGroups > 1 ? count > 0 : warp == 0)) {
       Fate fate = Fate::kNothing;
       Primitive p;
       // A variable of a loop that is not set on every path stays alive from one round to the next, so that it spills.
@@ -229,7 +245,7 @@ struct Drawing {
       if (lane_id() < count) {
         Vertex v[3];
         if (kTogether)
-          for (int k = 0; k < 3; ++k) v[k] = shared->warp[1].corners[3 * lane_id() + k];
+          for (int k = 0; k < 3; ++k) v[k] = shared->corners_of(own_group())[3 * lane_id() + k];
         else if (tests(kWay) || own_projected)
           projected_corners(f, own_projected, t, v);
         else
@@ -256,35 +272,42 @@ struct Drawing {
       }
     }
     if (kTogether) {
-      if (threadIdx.x == 0) {
-        shared->row_counts[0] = filed.rows;
-        shared->clip = clip;
+      if (threadIdx.x < kGroups * kWarp && threadIdx.x % kWarp == 0) {
+        shared->row_counts[own_group()] = filed.rows;
+        shared->clip[own_group()] = clip;
       }
       __syncthreads();
-      clip = clips_of<kWarps>(shared->clip, warp);
+      clip = clips_of<kWarps>(shared->clip[0], warp, groups);
     }
+    int group = 0, clip_group = 0;
     if (kLeaves) shared->row_counts[warp] = 0;
-    bool all_draw = kTogether;  // whether all warps draw warp 0's triangles, and not each its own
+    bool all_draw = kTogether;  // whether all warps draw a group's triangles, and not each its own
 #pragma unroll 1
     for (;;) {
-      const int count = all_draw ? shared->row_counts[0] : filed.rows;
+      const int count = all_draw ? shared->row_counts[group] : filed.rows;
       if (count > 0) {
-        const int next = draw_rows<kLeaves>(pixels, f.view.width, shared->warp[all_draw ? 0 : warp].triangle, count,
-                                            all_draw ? warp * kWarp : 0, all_draw ? kWarps * kWarp : kWarp,
+        const int turn = kGroups > 1 ? (warp + group * (kWarps / 2)) % kWarps : warp;  // another one begins with each
+        const int next = draw_rows<kLeaves>(pixels, f.view.width, shared->warp[all_draw ? group : warp].triangle, count,
+                                            all_draw ? turn * kWarp : 0, all_draw ? kWarps * kWarp : kWarp,
                                             clip ? INT32_MAX : sharing.own_pixels, &s->rows);
         if (kLeaves && next >= 0) {
           shared->row_counts[warp] = count;
           shared->next_row[warp] = next;
         }
       }
+      if (kGroups > 1 && all_draw && ++group < groups) continue;
       if (filed.rest > 0) {
         wait_for_previous();
         rest(share.view, s->records_end() - filed.rest, filed.rest);
       }
+      if (kGroups > 1)
+        while (!clip && ++clip_group < groups) clip = clips_of<kWarps>(shared->clip[clip_group], warp, groups);
       if (!clip) break;
       const int number = __ffs(clip) - 1;
-      filed = clip_and_file<kSamples>(
-          f, share.view, kTogether ? share.first + number * share.step : __shfl_sync(kAllLanes, t, number), limits, s);
+      filed = clip_and_file<kSamples>(f, share.view,
+                                      kTogether ? share.first + (clip_group * sharing.group + number) * share.step
+                                                : __shfl_sync(kAllLanes, t, number),
+                                      limits, s);
       clip &= clip - 1;
       all_draw = false;
     }
@@ -330,7 +353,7 @@ __device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_
 template <Way kWay, class Rest>
 __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharing, const Vertex* projected,
                                            const RowLimits& limits, ShareShared<kWay>* shared, const Rest& rest) {
-  constexpr bool kTogether = kWay == Way::kTogether;
+  constexpr bool kTogether = together(kWay);
   const int warp = computed_here((int)(threadIdx.x / kWarp));
   const Share share = share_of<kWay>(f, sharing);
   if ((!kTogether && projected) || share.count <= 0) wait_for_previous();
@@ -340,11 +363,12 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
       f,      sharing, share, projected ? projected + first_vertex : nullptr, first_vertex, first_pixel(f, share.view),
       limits, warp,    shared};
   if constexpr (kTogether) {
-    // Each thread makes a corner, which takes a third of the time; they lie in the memory of warp 1, for that of warp 0
-    // is where the triangles end up.
-    make_corners(f, first_vertex, share.first, share.step, share.count, shared->warp[1].corners);
+    make_corners(f, first_vertex, share, sharing.group, shared);  // a thread each, which takes a third of the time
     __syncthreads();
-    drawing.draw(share.first + lane_id() * share.step, warp == 0 ? share.count : 0, rest);
+    const int first = drawing.own_group() * sharing.group;
+    int count = min_of(sharing.group, share.count - first);
+    if (most_groups(kWay) == 1) count = warp == 0 ? share.count : 0;
+    drawing.draw(share.first + (first + lane_id()) * share.step, count, rest);
   } else if constexpr (tests(kWay)) {
     draw_tested(drawing, share.first + min_of(warp * share.apart, share.count), share.first + share.count,
                 &shared->search[warp], rest);

@@ -64,7 +64,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, PairQueue q, cudaStream
     BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kEven>, f, q.set_up.projected, v.share, nullptr, &sharing,
                                 &blocks, stream));
     const Way way = sharing.way;
-    if (way == Way::kTogether) q.set_up.projected = nullptr;  // blocks project corners while the image is cleared
+    if (together(way)) q.set_up.projected = nullptr;  // blocks project corners while the image is cleared
     BIGTRI_CUDA(launch_clear(f, q.set_up.projected, q.zeros(), stream));
     if (f.count > 0)
       BIGTRI_CUDA(with_way(way, [&](auto of) {

@@ -15,6 +15,7 @@ namespace {
 // What a block does with its share.
 enum class Way {
   kTogether,  // up to 32 triangles, drawn by all warps together, so that a large one does not hold up a warp
+  kInGroups,  // the same with up to three groups of 32, each set up by a warp
   kEven,  // each warp draws 32 of its own, by boxes (small.cuh) where most are small; if some are large, it leaves a
   // part of them to all warps of the block, which draw it at the end
   kApart,  // the same, and none leaves any
@@ -24,21 +25,27 @@ enum class Way {
 };
 
 BIGTRI_HD constexpr bool tests(Way way) { return way == Way::kTested || way == Way::kAllOrFew; }
+BIGTRI_HD constexpr bool together(Way way) { return way == Way::kTogether || way == Way::kInGroups; }
+BIGTRI_HD constexpr int most_groups(Way way) { return way == Way::kInGroups ? 3 : 1; }
 
 // Warps of a block. A block's place is free for the next one only when its last warp is done, so that warps that do not
 // help each other are better off in small blocks.
-BIGTRI_HD constexpr int block_warps(Way way) { return way == Way::kTogether || way == Way::kEven ? 8 : 4; }
+BIGTRI_HD constexpr int block_warps(Way way) { return together(way) || way == Way::kEven ? 8 : 4; }
 BIGTRI_HD constexpr int block_threads(Way way) { return block_warps(way) * kWarp; }
 // Blocks that a multiprocessor ought to hold.
 BIGTRI_HD constexpr int blocks_held(Way way) { return 32 / block_warps(way); }
 
 constexpr int kSearched = 8 * kWarp;  // triangles of a warp that tests them
-// Triangles of a block, which say what way it goes: up to kWarp together.
-constexpr int kOfEven = block_threads(Way::kEven), kOfApart = block_threads(Way::kApart),
-              kOfTested = block_warps(Way::kTested) * kSearched;
-constexpr int64_t kShares[] = {0, 4, 8, 16, kWarp, kOfApart, kOfEven, kOfTested, -1};
+// Triangles of a block, which say what way it goes: up to kWarp together, up to the first number in groups.
+constexpr int kMostInGroups = most_groups(Way::kInGroups) * kWarp, kOfEven = block_threads(Way::kEven),
+              kOfApart = block_threads(Way::kApart), kOfTested = block_warps(Way::kTested) * kSearched;
+constexpr int64_t kShares[] = {0, 2, 4, 8, 16, kWarp, 2 * kWarp, kMostInGroups, kOfApart, kOfEven, kOfTested, -1};
 constexpr Way way_of(int64_t each) {
-  return each <= kWarp ? Way::kTogether : each == kOfEven ? Way::kEven : each == kOfApart ? Way::kApart : Way::kTested;
+  return each <= kWarp           ? Way::kTogether
+         : each <= kMostInGroups ? Way::kInGroups
+         : each == kOfEven       ? Way::kEven
+         : each == kOfApart      ? Way::kApart
+                                 : Way::kTested;
 }
 
 constexpr uint32_t kSpread = 35;  // the least Sharing::spread
@@ -60,6 +67,7 @@ struct LastTurns {
 struct Sharing {
   Way way;
   int each;  // triangles of a block, if not in turns
+  int groups, group;  // in groups: of a block, and triangles of each but the last
   int own_pixels;  // even: of the bboxes of those that a warp draws by rows alone; it leaves what comes after
   int log_neighbours;  // even and apart: log2 of how many of them lie next to each other in the list
   uint32_t blocks;  // of a view, if all draw the same triangles
@@ -77,13 +85,17 @@ inline double pixels_each(const Frame& f) {
 }
 // Times that kEven's blocks fill the device, from which on it does not matter what each of them has to do.
 constexpr int64_t kTurns = 4;
-// Triangles for each block that the device holds at once, up to which blocks draw theirs together; half as many again if
-// some may be large, which a warp had better not draw alone.
-constexpr int64_t kMostTogether = 112;
+// Pixels for each, from which on two triangles keep a block busy.
+constexpr double kManyPixels = 512;
+// Triangles for each block that the device holds at once, up to which blocks draw theirs together; more if some may be large,
+// which a warp had better not draw alone.
+constexpr int64_t kMostTogether = 92, kMostTogetherIfLarge = 168;
 
 // Whether most triangles cover no pixel, so that testing them first pays, if vertices are projected once.
 inline bool shows_few(const Frame& f, int64_t resident) {
-  return pixels_each(f) <= kTinyPixels && triangles_of_all(f) > resident * kOfEven * kTurns;
+  const double pixels = pixels_each(f);
+  return pixels <= kTinyPixels &&
+         triangles_of_all(f) > resident * kOfEven * (pixels <= kLeastPixels ? kTurns / 2 : kTurns);
 }
 
 // Triangles of a block such that there are blocks for a device that holds so many of kEven's warps at once. projected:
@@ -92,7 +104,7 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
   const int64_t total = triangles_of_all(f);
   const double pixels = pixels_each(f);
   if (projected && shows_few(f, resident)) return kOfTested;
-  if (total > resident * (pixels < kSmallPixels ? kMostTogether : kMostTogether * 3 / 2)) {
+  if (total > resident * (pixels < kSmallPixels ? kMostTogether : kMostTogetherIfLarge)) {
     // None is too large for a warp where all are tiny. Blocks that take many turns, and several views, even out what
     // there is to do.
     const bool even = f.views > 1 ? pixels >= kSmallPixels && total <= resident * kOfEven
@@ -102,8 +114,10 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
   const auto blocks = [&](int64_t each) {  // each view has its own
     return f.ranges ? (total + each - 1) / each : (f.count + each - 1) / each * f.views;
   };
-  int each = 4;  // as few as make one turn
-  while (each < kWarp && blocks(each) > resident) ++each;
+  // As few as make one turn, or as many turns as it takes. Of large triangles two are enough for a block.
+  const int64_t turns = (total + resident * kMostInGroups - 1) / (resident * kMostInGroups);
+  int each = pixels >= kManyPixels ? 2 : 4;
+  while (each < kMostInGroups && blocks(each) > turns * resident) ++each;
   return each;
 }
 
@@ -145,9 +159,9 @@ inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
 // The smaller the image, the fewer patches draw at once, and the more triangles each of them draws one after the other.
 constexpr double kMostLarge = 1800;  // px for each triangle of a sample, of any image
 constexpr double kMostLargeOfImage = 3.2e8;  // what a smaller image adds, times its pixels
-inline int most_large(const Frame& f, int each) {
+inline int most_large(const Frame& f, int group) {
   const double for_each = kMostLarge + kMostLargeOfImage / (double)pixels_of_all(f);
-  return (int)min_of(min_of(each, kWarp) * for_each, (double)INT32_MAX);
+  return (int)min_of(group * for_each, (double)INT32_MAX);
 }
 
 // Sharing::own_pixels. Below that a warp is sooner done than the others can begin to help.
@@ -167,6 +181,8 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), block_threads(Way::kEven), 0, &resident));
   s->each = each > 0 ? (int)each : share_size(f, resident, projected);
   s->way = way_of(s->each);
+  s->groups = (s->each + kWarp - 1) / kWarp;
+  s->group = (s->each + s->groups - 1) / s->groups;
   s->in_turns = s->way == Way::kTested && f.views == 1 && !ranges;
   if (s->in_turns && all_or_few(f)) s->way = Way::kAllOrFew;
   s->log_neighbours = log_neighbours(f, s->way, resident);
@@ -197,6 +213,7 @@ template <class Launch>
 cudaError_t with_way(Way way, const Launch& launch) {
   switch (way) {
     case Way::kTogether: return launch(WayOf<Way::kTogether>());
+    case Way::kInGroups: return launch(WayOf<Way::kInGroups>());
     case Way::kEven: return launch(WayOf<Way::kEven>());
     case Way::kApart: return launch(WayOf<Way::kApart>());
     case Way::kTested: return launch(WayOf<Way::kTested>());
@@ -245,7 +262,7 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
     block -= (uint32_t)share.view * blocks;
   }
   // A list may be as long as int32 counts.
-  if (kWay == Way::kTogether) {
+  if (together(kWay)) {
     share.first += (int32_t)block;
     share.step = (int32_t)blocks;
     share.count = (all - 1 - (int32_t)block) / (int32_t)blocks + 1;
