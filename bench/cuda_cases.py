@@ -200,7 +200,7 @@ SETTINGS = (
         for warps in (8, 16)
         for region in (4, 8, 16)
     ),
-    Way("bin_owned", "share 8", {"few": 0, "share": 8}),
+    *(Way("bin_owned", f"share {share}", {"few": 0, "share": share}) for share in (2, 8, 96)),
     Way("bin_owned", "rows, 64 px", {"few": 0, "widest": 64}),
     Way("bin_owned", "rows, 256 px", {"few": 0, "widest": 256}),
 )
