@@ -455,7 +455,7 @@ def test_some_views_of_a_batch_are_checked(kinds: tuple[str, ...]) -> None:
 
 def variant(name: str, **parameters: tuple[int, int]) -> native.Variant:
     """As a registry has it; parameters: lowest and highest value."""
-    only = {"warps": (0, 8, 16), "region": (0, 4, 8, 16), "share": (0, 4, 8, 16, 32, 128, 256, 1024)}
+    only = {"warps": (0, 8, 16), "region": (0, 4, 8, 16), "share": (0, 2, 4, 8, 16, 32, 64, 96, 128, 256, 1024)}
     known = {p: native.Parameter(p, "", "", low, low, high, only.get(p, ())) for p, (low, high) in parameters.items()}
     return native.Variant(name, "", known)
 
@@ -484,7 +484,7 @@ def test_settings_are_those_of_the_registry(capsys: pytest.CaptureFixture[str]) 
     for text, message in (
         ("other:few=1", "variants are bin_owned, two_stage, persistent"),
         ("bin_owned:warps=5", "warps must be 0, 8, 16, got 5"),
-        ("bin_owned:share=64", "share must be 0, 4, 8, 16, 32, 128, 256, 1024, got 64"),
+        ("bin_owned:share=63", "share must be 0, 2, 4, 8, 16, 32, 64, 96, 128, 256, 1024, got 63"),
         ("persistent:few=0", "parameters of persistent are none, got few"),
     ):
         assert cuda_cases.ways([cuda_cases.way(text)], TODAY) == []
