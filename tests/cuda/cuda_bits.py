@@ -41,7 +41,7 @@ PATHS: dict[str, dict[str, int]] = {
 }
 # More values of parameters than their registry names: lists and queues of one, sizes that leave work for a second turn.
 VALUES: dict[str, tuple[int, ...]] = {
-    "entries": (1, 2, 352),
+    "entries": (1, 2, 6, 352),
     "blocks": (0, 1, 3, 1000),
     "queue": (1, 2, 700),
     "widest": (0, 1, 64, 256),
