@@ -118,7 +118,9 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
   const int64_t turns = (total + resident * kMostInGroups - 1) / (resident * kMostInGroups);
   int each = pixels >= kManyPixels ? 2 : 4;
   while (each < kMostInGroups && blocks(each) > turns * resident) ++each;
-  return each;
+  if (f.ranges || f.count == 0) return each;
+  const int of_view = (f.count + each - 1) / each;  // the view's blocks get as many as each other
+  return (f.count + of_view - 1) / of_view;
 }
 
 // Log2 of how many of a block's triangles lie next to each other in the list, where warps have their own. Those in a row
