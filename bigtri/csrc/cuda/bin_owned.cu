@@ -321,7 +321,7 @@ int region_of(const Frame& f, const Values& v) {
   return pixels <= 1 << 17 ? 4 : pixels <= 1 << 20 ? 8 : kRegion;
 }
 
-// Up to so many pixels patches are 64x8 px, whatever the number of warps: not many more of them than multiprocessors.
+// Up to so many pixels patches are 64x8 px, whatever the number of warps: at 256x256 about one for each multiprocessor.
 constexpr int64_t kTinyImage = 1 << 16;
 
 template <int kWarps>

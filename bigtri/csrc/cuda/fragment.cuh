@@ -44,8 +44,6 @@ struct EntryFlags {
   __device__ __forceinline__ uint32_t bits() const { return static_cast<const E*>(this)->info; }
   __device__ __forceinline__ bool thin() const { return kKnowsThin && (bits() & kRecordThin); }
   __device__ __forceinline__ bool far() const { return bits() & kRecordFar; }
-  // Its depth is not its plane's alone.
-  __device__ __forceinline__ bool special() const { return thin() || far(); }
   // Covers all of the area, and finish_depth changes nothing there.
   __device__ __forceinline__ bool alone() const { return (~bits() & (kEntryFull | kEntryPlain)) == 0; }
   __device__ __forceinline__ uint32_t slot() const { return bits() >> 5; }

@@ -61,6 +61,7 @@ struct alignas(16) Patch {
   using Region = RegionOf<kLaneRows>;
   static constexpr int kWarps = kBlockWarps, kThreads = kWarps * kWarp, kMaxEntries = kEntriesOfWarp * kWarps;
   static constexpr int kTeams = kBlockTeams, kRegions = kWarps / kTeams;  // warps of a team
+  static_assert(kWarps % kTeams == 0 && kRegions % 4 == 0, "a team has whole rows of regions");
   static constexpr int kRows = kRegions / 4 * Region::kHeight;  // px
   static_assert(kBin % kRows == 0, "a patch lies in one bin");
   static constexpr int kNowhere = kBin << 16;  // with no pixel, and in no box
@@ -387,11 +388,11 @@ __device__ __forceinline__ void draw_by_rows(const Frame& f, const P& patch, con
 }
 
 // Draws the patches that are this block's, by all of its threads. What can be seen gathers in shared memory; then each
-// warp draws its region of each patch, the pixels in registers, mostly once, or all warps draw rows of a patch. If more gathers than there is room for,
-// the patches are drawn several times, each time from what the last one left. Before: begin_turn(f, blockIdx.x),
-// PatchShared::begin, a barrier. Candidates: const Record* records; of those that all patches look at box(int i), for
-// in_box, and int slot(int i); kLists: there can be more of them than threads, there are lists for each
-// bin besides, int listed(int view, int bin_x, int bin_y), int listed_slot(int view, int bin_x, int bin_y, int i), and
+// warp draws its region of each patch, the pixels in registers, mostly once, or all warps draw rows of a patch. If more
+// gathers than there is room for, the patches are drawn several times, each time from what the last one left. Before:
+// begin_turn(f, blockIdx.x), PatchShared::begin, a barrier. Candidates: const Record* records; of those that all patches
+// look at box(int i), for in_box, and int slot(int i); kLists: there can be more of them than threads, there are lists for
+// each bin besides, int listed(int view, int bin_x, int bin_y), int listed_slot(int view, int bin_x, int bin_y, int i), and
 // the frame may have several views. With kLists all is merged into the frame, without it written.
 template <class P, class Candidates>
 __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& candidates, int room) {

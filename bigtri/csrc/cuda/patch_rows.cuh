@@ -10,8 +10,8 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// A row of an entry that has pixels: the entry, the row of the patch, and what turns the number of one of its pixels, counted
-// over all rows, into a column of the bin, which may be below 0.
+// A row of an entry that has pixels: the entry, the row of the patch, and a shift, 0 or less but for the first row, from the
+// number of a pixel, counted over all rows, to its column of the bin.
 __device__ __forceinline__ uint32_t pack_span(int entry, int row, int shift) {
   return (uint32_t)entry << 18 | (uint32_t)row << 12 | (uint32_t)(shift + kWarp * kBin);
 }
@@ -20,8 +20,8 @@ __device__ __forceinline__ int row_of(uint32_t span) { return (int)(span >> 12 &
 __device__ __forceinline__ int shift_of(uint32_t span) { return (int)(span & 0xfff) - kWarp * kBin; }
 static_assert(kWarp * kBin + kBin <= 1 << 12 && kBin <= 1 << 6, "there is room for the row and the shift");
 
-// Depth of pixel (i, j) of the bin of an entry that is not special, which is (px, py) of the image; used: whether anybody
-// asks for it.
+// Depth of pixel (i, j) of the bin of an entry that is not thin, which is (px, py) of the image; used: whether anybody asks
+// for it.
 __device__ __forceinline__ float depth_in_bin(const Entry& e, int i, int j, bool, int, int, const Record*) {
   return finish_depth(plane_row<DepthNumber>(e.plane.zcell, e.plane.dzdy, place_in_cell(j)) +
                           plane_column<DepthNumber>(e.plane.dzdx, place_in_cell(i)),
@@ -52,32 +52,31 @@ __device__ __forceinline__ void draw_span_pixels(const PatchRows& p, int first, 
                                                  unsigned lanes_to_here) {
   uint32_t at[kGroups];
   int64_t packed[kGroups];
+  bool seen[kGroups];
 #pragma unroll
   for (int g = 0; g < kGroups; ++g) {
     const int n = first + g * kWarp;
     const uint32_t span = p.spans[interval_at(n, begin, have, lanes_to_here)];
     const PatchEntry& e = p.entries[entry_of(span)];
     const int row = row_of(span), i = n + lane_id() + shift_of(span);
-    const float z =
-        depth_in_bin(e, i, (p.top & (kBin - 1)) + row, n + lane_id() < total, p.left + i, p.top + row, p.records);
+    const bool used = n + lane_id() < total;
+    const float z = depth_in_bin(e, i, (p.top & (kBin - 1)) + row, used, p.left + i, p.top + row, p.records);
+    seen[g] = used && z <= 1.0f;
     packed[g] = pack_depth(z, e.triangle);
     at[g] = (uint32_t)(row * p.width + i);
+    if constexpr (kCounts)
+      if (used) count_fragment(p.pixels + at[g]);
   }
 #pragma unroll
   for (int g = 0; g < kGroups; ++g)
-    if (first + g * kWarp + lane_id() < total) {
-      if constexpr (kCounts) count_fragment(p.pixels + at[g]);
-      keep_nearest(p.pixels + at[g], packed[g], false);
-    }
+    if (seen[g]) keep_nearest(p.pixels + at[g], packed[g], false);
 }
 
-// Pixels [span.lower, span.upper) of a row of an entry that is thin or reaches beyond z = 1, by its lane alone: there are
-// few.
-__device__ __noinline__ void draw_special_row(const PatchRows& p, const PatchEntry& e, int row, RowSpan span) {
+// Pixels [span.lower, span.upper) of a row of a thin entry, by its lane alone: mostly there are few.
+__device__ __noinline__ void draw_thin_span(const PatchRows& p, const PatchEntry& e, int row, RowSpan span) {
 #pragma unroll 1
   for (int i = span.lower; i < span.upper; ++i) {
-    const float z = e.thin() ? thin_depth(p.records + e.slot(), p.left + i, p.top + row)
-                             : depth_in_bin(e, i, (p.top & (kBin - 1)) + row, true, p.left + i, p.top + row, p.records);
+    const float z = thin_depth(p.records + e.slot(), p.left + i, p.top + row);
     if constexpr (kCounts) count_fragment(p.pixels + (row * p.width + i));
     keep_nearest(p.pixels + (row * p.width + i), pack_fragment(z, e.triangle), false);
   }
@@ -106,9 +105,9 @@ __device__ __noinline__ void draw_patch_rows(const Frame& f, int left, int top, 
 #pragma unroll
       for (int k = 0; k < 3; ++k) cut_row<kBin - 1>(e.edge[k].f + (in_bin + row) * e.edge[k].sy, e.edge[k].sx, &span);
     }
-    const bool special = e.special();
-    if (special) draw_special_row(p, e, row, span);
-    const int length = special ? 0 : max_of(span.upper - span.lower, 0), end = warp_sum_up_to(length),
+    const bool thin = e.thin();
+    if (thin) draw_thin_span(p, e, row, span);
+    const int length = thin ? 0 : max_of(span.upper - span.lower, 0), end = warp_sum_up_to(length),
               begin = end - length, total = __shfl_sync(kAllLanes, end, kWarp - 1);
     const bool any = length > 0;
     const unsigned filled = __ballot_sync(kAllLanes, any);

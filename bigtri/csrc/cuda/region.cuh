@@ -81,7 +81,7 @@ struct RegionOf {
       }
       covered &= ~outside;
     }
-    if (e.special()) return draw_special(e, covered, records);
+    if (e.thin() || e.far()) return draw_special(e, covered, records);
     uint32_t undecided;
     if (first && e.plain())  // as most of large triangles
       undecided = each_depth(e, [&](int n, float z, bool decided) {

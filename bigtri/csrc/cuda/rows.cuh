@@ -284,7 +284,7 @@ template <bool kLeaves>
 __device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const RowTriangle* triangles, int count,
                                          int first, int step, int most, RowShared* s) {
   const int lane = computed_here(lane_id());
-  const unsigned lanes_to_here = (unsigned)computed_here((int)(2u << lane) - 1);
+  const unsigned lanes_to_here = (unsigned)computed_here((int)((2u << lane) - 1));
   const bool have = lane < count;
   pixels = kept(pixels);
   int rows = 0;

@@ -78,7 +78,8 @@ struct ShareShared {
   // Together: a group's corners. Its triangles end up in the memory of the warp that sets them up.
   __device__ __forceinline__ Vertex* corners_of(int group) { return warp[most_groups(kWay) + group].corners; }
 };
-static_assert(sizeof(ShareShared<Way::kEven>) <= 48 * 1024, "as much as a block can have without asking");
+static_assert(sizeof(ShareShared<Way::kEven>) <= 48 * 1024 && sizeof(ShareShared<Way::kInGroups>) <= 48 * 1024,
+              "as much as a block can have without asking");
 
 // The corners of triangle t, projected by this thread alone.
 __device__ __forceinline__ void own_corners(const Frame& f, int64_t first, int32_t t, Vertex v[3]) {
@@ -101,6 +102,7 @@ __device__ __forceinline__ void make_corners(const Frame& f, int64_t first_verte
                                              ShareShared<kWay>* shared) {
   constexpr int kGroups = most_groups(kWay), kThreads = block_threads(kWay);
   static_assert(kGroups <= 3, "groups begin where they are compared with");
+  static_assert(2 * kGroups <= block_warps(kWay), "corners_of() has room beside the groups");
 #pragma unroll
   for (int first = 0; first < 3 * kGroups * kWarp; first += kThreads) {
     const int c = first + (int)threadIdx.x, number = c / 3;
@@ -184,11 +186,12 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
 }
 
 // Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
-// those that have set up the groups, whose memory is in use.
+// those that have set up the groups, whose memory is in use. before: triangles of earlier groups, which have gone round.
 template <int kWarps>
-__device__ __forceinline__ unsigned clips_of(unsigned all, int warp, int groups) {
+__device__ __forceinline__ unsigned clips_of(unsigned all, int warp, int groups, int before) {
   unsigned mine = 0;
-  for (int turn = groups; all; turn = turn < kWarps - 1 ? turn + 1 : groups, all &= all - 1)
+  for (int turn = groups + before % (kWarps - groups); all;
+       turn = turn < kWarps - 1 ? turn + 1 : groups, all &= all - 1)
     if (turn == warp) mine |= all & -all;
   return mine;
 }
@@ -277,16 +280,16 @@ struct Drawing {
         shared->clip[own_group()] = clip;
       }
       __syncthreads();
-      clip = clips_of<kWarps>(shared->clip[0], warp, groups);
+      clip = clips_of<kWarps>(shared->clip[0], warp, groups, 0);
     }
-    int group = 0, clip_group = 0;
+    int group = 0, clip_group = 0, clipped = 0;
     if (kLeaves) shared->row_counts[warp] = 0;
     bool all_draw = kTogether;  // whether all warps draw a group's triangles, and not each its own
 #pragma unroll 1
     for (;;) {
       const int count = all_draw ? shared->row_counts[group] : filed.rows;
       if (count > 0) {
-        const int turn = kGroups > 1 ? (warp + group * (kWarps / 2)) % kWarps : warp;  // another one begins with each
+        const int turn = kGroups > 1 ? (warp + 3 * group) % kWarps : warp;  // another one begins with each
         const int next = draw_rows<kLeaves>(pixels, f.view.width, shared->warp[all_draw ? group : warp].triangle, count,
                                             all_draw ? turn * kWarp : 0, all_draw ? kWarps * kWarp : kWarp,
                                             clip ? INT32_MAX : sharing.own_pixels, &s->rows);
@@ -301,7 +304,10 @@ struct Drawing {
         rest(share.view, s->records_end() - filed.rest, filed.rest);
       }
       if (kGroups > 1)
-        while (!clip && ++clip_group < groups) clip = clips_of<kWarps>(shared->clip[clip_group], warp, groups);
+        while (!clip && ++clip_group < groups) {
+          clipped += __popc(shared->clip[clip_group - 1]);
+          clip = clips_of<kWarps>(shared->clip[clip_group], warp, groups, clipped);
+        }
       if (!clip) break;
       const int number = __ffs(clip) - 1;
       filed = clip_and_file<kSamples>(f, share.view,

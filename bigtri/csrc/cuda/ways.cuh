@@ -67,7 +67,7 @@ struct LastTurns {
 struct Sharing {
   Way way;
   int each;  // triangles of a block, if not in turns
-  int groups, group;  // in groups: of a block, and triangles of each but the last
+  int groups, group;  // of a block, and triangles of each but the last: what a warp sets up at once
   int own_pixels;  // even: of the bboxes of those that a warp draws by rows alone; it leaves what comes after
   int log_neighbours;  // even and apart: log2 of how many of them lie next to each other in the list
   uint32_t blocks;  // of a view, if all draw the same triangles
