@@ -72,14 +72,14 @@ struct alignas(16) Patch {
   static constexpr int kCountBits = 10;
   static_assert(kMaxEntries < 1 << kCountBits && (int64_t)kMaxEntries * kRows * kBin < 1 << (31 - kCountBits),
                 "both fit");
-  static __device__ int count_in(int waiting) { return waiting & ((1 << kCountBits) - 1); }
-  __device__ int count() const { return count_in(waiting); }
+  static __device__ int entries_in(int waiting) { return waiting & ((1 << kCountBits) - 1); }
+  __device__ int entries() const { return entries_in(waiting); }
   __device__ bool by_rows() const {
     constexpr int kSmall = kRows * kSmallEntryRow < kSmallEntry ? kRows * kSmallEntryRow : kSmallEntry;
-    return count() > kFewEntries && waiting >> kCountBits < kSmall * count();
+    return entries() > kFewEntries && waiting >> kCountBits < kSmall * entries();
   }
-  // What the record adds to `waiting`.
-  __device__ int with(const Record& r) const {
+  // What an entry of the record adds to `waiting`.
+  __device__ int added_by(const Record& r) const {
     const int columns = min_of(r.x1, left + kBin) - max_of(r.x0, left),
               rows = min_of(r.y1, top + kRows) - max_of(r.y0, top);
     return 1 + (max_of(columns, 0) * max_of(rows, 0) << kCountBits);
@@ -291,8 +291,8 @@ __device__ __forceinline__ void gather(const Frame& f, const Candidates& candida
       count_work(f, pending ? Counter::overflows : Counter::entries, 1);
       if (!pending) {
         m.make_entry(candidates.records[m.slot()], &s->entries[place]);
-        const int before = atomicAdd(&patch.waiting, kLists ? 1 : patch.with(candidates.records[m.slot()]));
-        s->list[local * each + P::count_in(before)] = (uint16_t)place;
+        const int before = atomicAdd(&patch.waiting, kLists ? 1 : patch.added_by(candidates.records[m.slot()]));
+        s->list[local * each + P::entries_in(before)] = (uint16_t)place;
       }
     }
     if (i < count && !pending) i = next(i + each);
@@ -367,8 +367,8 @@ __device__ __forceinline__ void draw_region(const Frame& f, int view, Region& re
 
 // The same by rows, of a whole patch. By all threads.
 template <class P>
-__device__ __forceinline__ void draw_by_rows(const Frame& f, const P& patch, const uint16_t* list, bool empty,
-                                             const Record* records) {
+__device__ __forceinline__ void draw_patch_by_rows(const Frame& f, const P& patch, const uint16_t* list, bool empty,
+                                                   const Record* records) {
   PatchShared<P>* const s = patch_shared<P>();
   typename P::Region region = region_of(patch);
   const bool has_region = this_thread() < P::kRegions * kWarp;
@@ -378,7 +378,7 @@ __device__ __forceinline__ void draw_by_rows(const Frame& f, const P& patch, con
     region.store_packed(f);
   }
   __syncthreads();
-  draw_patch_rows<P::kRows, P::kThreads>(f, patch.left, patch.top, s->entries, list, patch.count(), records,
+  draw_patch_rows<P::kRows, P::kThreads>(f, patch.left, patch.top, s->entries, list, patch.entries(), records,
                                          s->spans + (this_thread() & ~(kWarp - 1)));
   if (!f.depth) return;
   __syncthreads();
@@ -421,12 +421,12 @@ __device__ __forceinline__ void draw_patches(const Frame& f, const Candidates& c
         const bool empty = kOutput == Output::kMerge || !again;
         if constexpr (!kLists)
           if (patch.by_rows() && reread(s->entry_count) <= room) {
-            draw_by_rows(f, patch, list, empty, candidates.records);
+            draw_patch_by_rows(f, patch, list, empty, candidates.records);
             continue;
           }
         if (k % P::kTeams != (int)(this_thread() / kWarp) / P::kRegions) continue;  // another team's
         typename P::Region region = region_of(patch);
-        draw_region<kOutput>(f, kLists ? s->view[group + k] : 0, region, s->entries, list, patch.count(), empty,
+        draw_region<kOutput>(f, kLists ? s->view[group + k] : 0, region, s->entries, list, patch.entries(), empty,
                              candidates.records);
       }
       const bool finished = reread(s->entry_count) <= room;

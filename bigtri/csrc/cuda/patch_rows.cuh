@@ -10,8 +10,8 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-// A row of an entry that has pixels: the entry, the row of the patch, and a shift, 0 or less but for the first row, from the
-// number of a pixel, counted over all rows, to its column of the bin.
+// A row of an entry that has pixels: the entry, the row of the patch, and what is added to the number of a pixel, counted over
+// a warp's rows, to get its column of the bin: mostly less than 0.
 __device__ __forceinline__ uint32_t pack_span(int entry, int row, int shift) {
   return (uint32_t)entry << 18 | (uint32_t)row << 12 | (uint32_t)(shift + kWarp * kBin);
 }
