@@ -38,6 +38,10 @@ constexpr int64_t kRegionsAllowed[] = {0, 4, 8, kRegion, -1};
   BIGTRI_QUEUE_PARAMETER(X)                                                                                           \
   BIGTRI_WIDEST_PARAMETER(X)                                                                                          \
   BIGTRI_SHARE_PARAMETER(X)                                                                                           \
+  X(team, "blocks",                                                                                                   \
+    "that set up the same triangles, up to 32, and draw a part of their rows each; 0: 4 where the device holds all "  \
+    "at once and some triangles may be large, else 1",                                                                \
+    0, 0, 8, kTeamSizes)                                                                                              \
   X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
@@ -194,9 +198,9 @@ struct Rows {
 
 Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
   Rows r;
-  const int64_t turns = all_or_few(f) ? LastTurns::words(LastTurns::kMost) : 0;
+  const int64_t words = max_of(all_or_few(f) ? LastTurns::words(LastTurns::kMost) : 0, most_teams(f, v.share, v.team));
   r.waiting =
-      take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles), turns);
+      take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles), words);
   r.projected = take_projected(scratch, f, way_of(v.share) == Way::kTested);
   r.ranges = f.ranges ? scratch->take<ViewRange>(f.views) : nullptr;
   return r;
@@ -270,22 +274,22 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   Rows r = take_rows(&scratch, f, v);
   BIGTRI_CUDA(sliver_bands(f, v.cache, &r.waiting.bands));
   int64_t blocks;
-  BIGTRI_CUDA(
-      share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
+  BIGTRI_CUDA(share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, v.team, r.ranges, &r.sharing, &blocks,
+                              stream));
   const Way way = r.sharing.way;
   if (together(way)) r.projected = nullptr;  // blocks project corners while the image is cleared
-  int64_t zeros = 0;  // words for last turns
+  int64_t zeros = r.sharing.log_team > 0 ? blocks >> r.sharing.log_team : 0;  // words: teams' decisions, or last turns
   if (way == Way::kAllOrFew) {
     const int64_t in_turn = (int64_t)r.sharing.blocks * block_threads(way);
     const int64_t room = min_of<int64_t>(LastTurns::kMost, in_turn / kWarp);
-    uint32_t* const words = r.waiting.last_turns;
+    uint32_t* const words = r.waiting.words;
     r.sharing.last_turns = {words, words + 1, words + LastTurns::words(0), (uint32_t)room,
                             (int)max_of<int64_t>(1, f.count / in_turn / LastTurns::kPieces)};
     zeros = LastTurns::words(room);
   }
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream));
-  r.limits = {widest_rows(f, way, v.widest), most_large(f, r.sharing.group),
-              v.widest > 0 ? nullptr : r.waiting.samples};
+  r.limits = {widest_rows(f, way, v.widest), most_large(f, of_sample(r.sharing)), most_large(f, r.sharing.group) / 2,
+              v.widest > 0 ? nullptr : r.waiting.samples, r.waiting.words};
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);
   }));

@@ -120,19 +120,39 @@ struct Filed {
   int rows, rest;
 };
 
-// Adds what a warp's large triangles cover to the samples, and says whether to let them wait. Those of a small sample are
-// drawn at once; the others wait for the kernels in front, and meanwhile more samples are added. By all lanes. Rarely
-// called, so that its registers cost the others nothing.
-__device__ __noinline__ bool large_ones_wait(const RowLimits& limits, int pixels) {
-  const int all = __shfl_sync(kAllLanes, warp_sum_up_to(pixels), kWarp - 1);
-  if (lane_id() == 0)
-    atomicAdd(reinterpret_cast<unsigned long long*>(limits.samples), (1ull << kPixelBits) + (unsigned long long)all);
-  if (all <= limits.most_large / 2) return false;
+// This block's place in its team. What is not drawn by rows is left to the first one.
+struct Team {
+  int log_size, member;
+
+  static __device__ __forceinline__ Team of_block(int log_size) {
+    return {log_size, (int)(blockIdx.x & ((1u << log_size) - 1))};
+  }
+  __device__ __forceinline__ bool first() const { return member == 0; }
+  // Whether this lane's triangle is in the block's own part of the group, of which it is a sample, and which it clips.
+  __device__ __forceinline__ bool own() const { return (lane_id() / kOfSample & ((1 << log_size) - 1)) == member; }
+};
+constexpr uint32_t kByRows = 1, kWait = 2;  // RowLimits::decisions
+
+// Adds what a warp's large triangles cover to the samples, and says whether to let them wait. Where they are small they are
+// drawn at once; the others wait for the kernels in front, and meanwhile more samples are added. The blocks of a team have to
+// agree: what the first of them finds holds for all. By all lanes. Rarely called, so that its registers cost the others
+// nothing. A team would lie in local memory, which costs a kernel 5,000 cycles before its first load; its size does not.
+__device__ __noinline__ bool large_ones_wait(const RowLimits& limits, int log_team, int pixels) {
+  const Team team = Team::of_block(log_team);
+  const int all = __shfl_sync(kAllLanes, warp_sum_up_to(pixels), kWarp - 1),
+            own = __shfl_sync(kAllLanes, warp_sum_up_to(team.own() ? pixels : 0), kWarp - 1);
+  if (lane_id() == 0 && own > 0)
+    atomicAdd(reinterpret_cast<unsigned long long*>(limits.samples), (1ull << kPixelBits) + (unsigned long long)own);
+  if (all <= limits.most_at_once) return false;
   wait_for_previous();
   bool many = false;
   if (lane_id() == 0) {
     const uint64_t samples = reread(*limits.samples), count = samples >> kPixelBits;
     many = (samples & ((1ull << kPixelBits) - 1)) > count * (uint64_t)limits.most_large;
+    if (log_team > 0) {
+      const uint32_t before = atomicCAS(limits.decisions + (blockIdx.x >> log_team), 0u, many ? kWait : kByRows);
+      if (before) many = before == kWait;
+    }
   }
   return __shfl_sync(kAllLanes, many, 0);
 }
@@ -141,16 +161,16 @@ __device__ __noinline__ bool large_ones_wait(const RowLimits& limits, int pixels
 // ones are a sample. By all lanes; ends with a barrier of the warp.
 template <bool kSamples>
 __device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_t triangle, int32_t view, bool have,
-                                      const RowLimits& limits, WarpShared* s) {
+                                      const RowLimits& limits, const Team& team, WarpShared* s) {
   bool by_rows = have && fits_rows(p, limits.widest);
   int pixels = 0;  // that it covers, about; of what the screen cuts no more than its box has
   if (by_rows) pixels = min_of((p.x1 - p.x0) * (p.y1 - p.y0), (int)(p.area / kSubpixel / kSubpixel / 2));
   const bool large = pixels > kLarge;
   if (kSamples && limits.samples && __any_sync(kAllLanes, large))
-    by_rows &= !(large_ones_wait(limits, large ? pixels : 0) && large);
+    by_rows &= !(large_ones_wait(limits, team.log_size, large ? pixels : 0) && large);
   const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, have && !by_rows);
-  count_work(f, Counter::records, by_rows);
-  count_work(f, Counter::by_rows, by_rows);
+  count_work(f, Counter::records, by_rows && team.first());  // the others set up the same
+  count_work(f, Counter::by_rows, by_rows && team.first());
   if (by_rows) make_row_triangle(p, (uint32_t)triangle, &s->triangle[__popc(rows & lanes_below())]);
   if (have && !by_rows) {
     Record* const r = s->records_end() - 1 - __popc(rest & lanes_below());
@@ -170,7 +190,7 @@ __device__ __noinline__ Filed file_left(const Frame& f, int32_t view, int count,
   const Primitive p = left.primitive();
   const int32_t t = left.t;
   __syncwarp();
-  return file<false>(f, p, f.first_triangle + t, view, have, limits, s);
+  return file<false>(f, p, f.first_triangle + t, view, have, limits, Team{}, s);
 }
 
 // Clips triangle t of a view and files the parts. By all lanes. Rarely called, so that its registers cost the others
@@ -182,7 +202,7 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
   Primitive part;
   const bool have = clip_part(f, view, t, &s->clip, &part);
   __syncwarp();
-  return file<kSamples>(f, part, f.first_triangle + t, view, have, limits, s);
+  return file<kSamples>(f, part, f.first_triangle + t, view, have, limits, Team{}, s);
 }
 
 // Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
@@ -225,6 +245,7 @@ struct Drawing {
   const int64_t first_vertex;  // of the view
   const FramePixel pixels;
   const RowLimits& limits;
+  const Team team;
   const int warp;
   ShareShared<kWay>* const shared;
 
@@ -259,7 +280,7 @@ struct Drawing {
       }
       clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
       const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
-      if (dropped) count_dropped(f, share.view, dropped);
+      if (dropped && team.first()) count_dropped(f, share.view, dropped);
       const bool have = fate == Fate::kWhole;
       shown = clip | __ballot_sync(kAllLanes, have);
       const bool small = !kTogether && have && is_small(p);
@@ -271,8 +292,9 @@ struct Drawing {
         draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
         if (left) filed = file_left(f, share.view, __popc(left), limits, s);
       } else if (__any_sync(kAllLanes, have)) {
-        filed = file<kSamples>(f, p, f.first_triangle + t, share.view, have, limits, s);
+        filed = file<kSamples>(f, p, f.first_triangle + t, share.view, have, limits, team, s);
       }
+      if (kWay == Way::kTogether) clip &= __ballot_sync(kAllLanes, team.own());
     }
     if (kTogether) {
       if (threadIdx.x < kGroups * kWarp && threadIdx.x % kWarp == 0) {
@@ -291,7 +313,8 @@ struct Drawing {
       if (count > 0) {
         const int turn = kGroups > 1 ? (warp + 3 * group) % kWarps : warp;  // another one begins with each
         const int next = draw_rows<kLeaves>(pixels, f.view.width, shared->warp[all_draw ? group : warp].triangle, count,
-                                            all_draw ? turn * kWarp : 0, all_draw ? kWarps * kWarp : kWarp,
+                                            all_draw ? ((turn << team.log_size) + team.member) * kWarp : 0,
+                                            all_draw ? kWarps * kWarp << team.log_size : kWarp,
                                             clip ? INT32_MAX : sharing.own_pixels, &s->rows);
         if (kLeaves && next >= 0) {
           shared->row_counts[warp] = count;
@@ -299,7 +322,7 @@ struct Drawing {
         }
       }
       if (kGroups > 1 && all_draw && ++group < groups) continue;
-      if (filed.rest > 0) {
+      if (filed.rest > 0 && (!all_draw || team.first())) {
         wait_for_previous();
         rest(share.view, s->records_end() - filed.rest, filed.rest);
       }
@@ -365,9 +388,17 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   if ((!kTogether && projected) || share.count <= 0) wait_for_previous();
   if (share.count <= 0) return;
   const int64_t first_vertex = share.view * (f.view_stride / 4);
-  const Drawing<kWay> drawing = {
-      f,      sharing, share, projected ? projected + first_vertex : nullptr, first_vertex, first_pixel(f, share.view),
-      limits, warp,    shared};
+  const Team team = kWay == Way::kTogether ? Team::of_block(sharing.log_team) : Team{};
+  const Drawing<kWay> drawing = {f,
+                                 sharing,
+                                 share,
+                                 projected ? projected + first_vertex : nullptr,
+                                 first_vertex,
+                                 first_pixel(f, share.view),
+                                 limits,
+                                 team,
+                                 warp,
+                                 shared};
   if constexpr (kTogether) {
     make_corners(f, first_vertex, share, sharing.group, shared);  // a thread each, which takes a third of the time
     __syncthreads();
