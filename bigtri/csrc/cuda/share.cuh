@@ -120,7 +120,7 @@ struct Filed {
   int rows, rest;
 };
 
-// This block's place in its team. What is not drawn by rows is left to the first one.
+// This block's place in its team.
 struct Team {
   int log_size, member;
 
@@ -128,7 +128,7 @@ struct Team {
     return {log_size, (int)(blockIdx.x & ((1u << log_size) - 1))};
   }
   __device__ __forceinline__ bool first() const { return member == 0; }
-  // Whether this lane's triangle is in the block's own part of the group, of which it is a sample, and which it clips.
+  // Whether this lane's triangle is in the block's own part of the group: its sample, and what it clips or lets wait.
   __device__ __forceinline__ bool own() const { return (lane_id() / kOfSample & ((1 << log_size) - 1)) == member; }
 };
 constexpr uint32_t kByRows = 1, kWait = 2;  // RowLimits::decisions
@@ -168,11 +168,12 @@ __device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_
   const bool large = pixels > kLarge;
   if (kSamples && limits.samples && __any_sync(kAllLanes, large))
     by_rows &= !(large_ones_wait(limits, team.log_size, large ? pixels : 0) && large);
-  const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, have && !by_rows);
+  const bool waits = have && !by_rows && team.own();
+  const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, waits);
   count_work(f, Counter::records, by_rows && team.first());  // the others set up the same
   count_work(f, Counter::by_rows, by_rows && team.first());
   if (by_rows) make_row_triangle(p, (uint32_t)triangle, &s->triangle[__popc(rows & lanes_below())]);
-  if (have && !by_rows) {
+  if (waits) {
     Record* const r = s->records_end() - 1 - __popc(rest & lanes_below());
     fill_record(p, triangle, r);
     r->view = view;
@@ -245,10 +246,13 @@ struct Drawing {
   const int64_t first_vertex;  // of the view
   const FramePixel pixels;
   const RowLimits& limits;
-  const Team team;
   const int warp;
   ShareShared<kWay>* const shared;
 
+  // Computed anew wherever it is asked for, which takes fewer instructions than to keep it.
+  __device__ __forceinline__ Team team() const {
+    return kWay == Way::kTogether ? Team::of_block(computed_here(sharing.log_team)) : Team{};
+  }
   // The group that the warp sets up, if any. With one group it is warp 0's, which takes no register.
   __device__ __forceinline__ int own_group() const { return kGroups > 1 ? warp : 0; }
 
@@ -280,7 +284,7 @@ struct Drawing {
       }
       clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
       const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
-      if (dropped && team.first()) count_dropped(f, share.view, dropped);
+      if (dropped && team().first()) count_dropped(f, share.view, dropped);
       const bool have = fate == Fate::kWhole;
       shown = clip | __ballot_sync(kAllLanes, have);
       const bool small = !kTogether && have && is_small(p);
@@ -292,9 +296,9 @@ struct Drawing {
         draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
         if (left) filed = file_left(f, share.view, __popc(left), limits, s);
       } else if (__any_sync(kAllLanes, have)) {
-        filed = file<kSamples>(f, p, f.first_triangle + t, share.view, have, limits, team, s);
+        filed = file<kSamples>(f, p, f.first_triangle + t, share.view, have, limits, team(), s);
       }
-      if (kWay == Way::kTogether) clip &= __ballot_sync(kAllLanes, team.own());
+      if (kWay == Way::kTogether) clip &= __ballot_sync(kAllLanes, team().own());
     }
     if (kTogether) {
       if (threadIdx.x < kGroups * kWarp && threadIdx.x % kWarp == 0) {
@@ -313,8 +317,8 @@ struct Drawing {
       if (count > 0) {
         const int turn = kGroups > 1 ? (warp + 3 * group) % kWarps : warp;  // another one begins with each
         const int next = draw_rows<kLeaves>(pixels, f.view.width, shared->warp[all_draw ? group : warp].triangle, count,
-                                            all_draw ? ((turn << team.log_size) + team.member) * kWarp : 0,
-                                            all_draw ? kWarps * kWarp << team.log_size : kWarp,
+                                            all_draw ? ((turn << team().log_size) + team().member) * kWarp : 0,
+                                            all_draw ? kWarps * kWarp << team().log_size : kWarp,
                                             clip ? INT32_MAX : sharing.own_pixels, &s->rows);
         if (kLeaves && next >= 0) {
           shared->row_counts[warp] = count;
@@ -322,7 +326,7 @@ struct Drawing {
         }
       }
       if (kGroups > 1 && all_draw && ++group < groups) continue;
-      if (filed.rest > 0 && (!all_draw || team.first())) {
+      if (filed.rest > 0) {
         wait_for_previous();
         rest(share.view, s->records_end() - filed.rest, filed.rest);
       }
@@ -388,17 +392,9 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
   if ((!kTogether && projected) || share.count <= 0) wait_for_previous();
   if (share.count <= 0) return;
   const int64_t first_vertex = share.view * (f.view_stride / 4);
-  const Team team = kWay == Way::kTogether ? Team::of_block(sharing.log_team) : Team{};
-  const Drawing<kWay> drawing = {f,
-                                 sharing,
-                                 share,
-                                 projected ? projected + first_vertex : nullptr,
-                                 first_vertex,
-                                 first_pixel(f, share.view),
-                                 limits,
-                                 team,
-                                 warp,
-                                 shared};
+  const Drawing<kWay> drawing = {
+      f,      sharing, share, projected ? projected + first_vertex : nullptr, first_vertex, first_pixel(f, share.view),
+      limits, warp,    shared};
   if constexpr (kTogether) {
     make_corners(f, first_vertex, share, sharing.group, shared);  // a thread each, which takes a third of the time
     __syncthreads();
