@@ -637,6 +637,29 @@ def test_large_triangles_wait_where_blocks_have_many(
     assert counted(case, "two_stage", {"share": each}).of["by_tiles"] == 0
 
 
+@pytest.mark.parametrize(
+    ("sides", "wait"),
+    [
+        ((LARGE,) * 16, 16),  # of each block four, 29,576 px of up to 12,400 on average
+        ((LARGE,) * 3, 0),  # 22,182 px of up to 24,800 that are drawn without asking
+        # The second block would have them wait, and the third would not: 7,394, 18,485 and 14,787 px on average. What the
+        # first one finds holds.
+        ((LARGE, 2, 2, 2, *(LARGE,) * 4, LARGE), 0),
+        ((*(LARGE,) * 4, 2, 2, 2, 2, 90, 2, 2, 2, 90, 2, 2, 2), 6),  # 29,576, then 16,560 and 12,221
+    ],
+)
+def test_blocks_of_a_team_agree_whether_large_triangles_wait(sides: tuple[int, ...], wait: int) -> None:
+    assert waiting(in_blocks((400, 400), 16, (sides,)), 16, team=4) == wait
+
+
+def test_few_large_triangles_do_not_wait_in_a_large_image() -> None:
+    """Of 288 triangles as large as these all together are half of the image: up to 6,944 px of a block's four wait for none."""
+    case = in_blocks((1000, 1000), 16, ((124, 2, 2, 2) * 4,))  # 6,727; without that limit 6,480
+    assert len(case.triangles) == 288
+    assert waiting(case, 16, team=4) == 0
+    assert waiting(in_blocks((1000, 1000), 16, ((127, 2, 2, 2) * 4,)), 16, team=4) == 4  # 7,056
+
+
 def test_large_triangles_of_views_and_parts_of_clipped_ones_wait() -> None:
     case = in_blocks((400, 400), 4, ((LARGE,) * 2,))  # 14,788 px of up to 15,200
     assert waiting(case, 4) == 0

@@ -288,8 +288,9 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
     zeros = LastTurns::words(room);
   }
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream));
-  r.limits = {widest_rows(f, way, v.widest), most_large(f, of_sample(r.sharing)), most_large(f, r.sharing.group) / 2,
-              v.widest > 0 ? nullptr : r.waiting.samples, r.waiting.words};
+  const bool teams = r.sharing.log_team > 0;
+  r.limits = {widest_rows(f, way, v.widest), most_large(f, teams, of_sample(r.sharing)),
+              most_large(f, teams, r.sharing.group) / 2, v.widest > 0 ? nullptr : r.waiting.samples, r.waiting.words};
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);
   }));

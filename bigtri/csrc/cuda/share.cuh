@@ -72,7 +72,7 @@ struct ShareShared {
   Search search[tests(kWay) ? kWarps : 1];
   unsigned clip[most_groups(kWay)];  // together: bit k of g: triangle k of group g has to be clipped
   int row_counts[kWarps];  // triangles drawn by rows: together of each group; even of each warp that leaves rows to all
-  int next_row[kWarps];  // the first of these rows
+  int next_row[kWarps];  // even: the first of these rows; in groups: how many rows a group has
   __device__ ShareShared() {}
 
   // Together: a group's corners. Its triangles end up in the memory of the warp that sets them up.
@@ -139,8 +139,7 @@ constexpr uint32_t kByRows = 1, kWait = 2;  // RowLimits::decisions
 // nothing. A team would lie in local memory, which costs a kernel 5,000 cycles before its first load; its size does not.
 __device__ __noinline__ bool large_ones_wait(const RowLimits& limits, int log_team, int pixels) {
   const Team team = Team::of_block(log_team);
-  const int all = __shfl_sync(kAllLanes, warp_sum_up_to(pixels), kWarp - 1),
-            own = __shfl_sync(kAllLanes, warp_sum_up_to(team.own() ? pixels : 0), kWarp - 1);
+  const int all = warp_sum(pixels), own = warp_sum(team.own() ? pixels : 0);
   if (lane_id() == 0 && own > 0)
     atomicAdd(reinterpret_cast<unsigned long long*>(limits.samples), (1ull << kPixelBits) + (unsigned long long)own);
   if (all <= limits.most_at_once) return false;
@@ -301,8 +300,10 @@ struct Drawing {
       if (kWay == Way::kTogether) clip &= __ballot_sync(kAllLanes, team().own());
     }
     if (kTogether) {
+      const int rows = kGroups > 1 ? warp_sum(lane_id() < filed.rows ? rows_of(s->triangle[lane_id()]) : 0) : 0;
       if (threadIdx.x < kGroups * kWarp && threadIdx.x % kWarp == 0) {
         shared->row_counts[own_group()] = filed.rows;
+        if (kGroups > 1) shared->next_row[own_group()] = rows;
         shared->clip[own_group()] = clip;
       }
       __syncthreads();
@@ -314,8 +315,9 @@ struct Drawing {
 #pragma unroll 1
     for (;;) {
       const int count = all_draw ? shared->row_counts[group] : filed.rows;
-      if (count > 0) {
-        const int turn = kGroups > 1 ? (warp + 3 * group) % kWarps : warp;  // another one begins with each
+      const int turn = kGroups > 1 ? (warp + 3 * group) % kWarps : warp;  // another one begins with each
+      // In groups, most warps have none of a group's rows, and would take 1,000 cycles to find that out.
+      if (kGroups > 1 && all_draw ? turn * kWarp < shared->next_row[group] : count > 0) {
         const int next = draw_rows<kLeaves>(pixels, f.view.width, shared->warp[all_draw ? group : warp].triangle, count,
                                             all_draw ? ((turn << team().log_size) + team().member) * kWarp : 0,
                                             all_draw ? kWarps * kWarp << team().log_size : kWarp,

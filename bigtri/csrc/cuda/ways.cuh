@@ -87,16 +87,17 @@ inline double pixels_each(const Frame& f) {
 // Times that kEven's blocks fill the device, from which on it does not matter what each of them has to do.
 constexpr int64_t kTurns = 4;
 constexpr int kLeastTogether = 4;  // triangles of a block that draws them together
+constexpr int64_t kSmallImage = 1 << 19, kHugeImage = 1 << 22;  // px
 
 // A team of blocks sets up the same triangles, and each block draws a part of their rows: all multiprocessors have as much to
 // draw, whatever the triangles' sizes. While the device holds all blocks at once that takes next to no longer, for a warp sets
-// up 16 as fast as four. Each has rows to draw where some triangles may be large.
+// up 16 as fast as four. It pays where some triangles may be large; few of them are drawn as fast alone in a small image.
 constexpr int kTeam = 4, kMostOfTeam = 16;  // blocks, and triangles
 constexpr int64_t kMostInTeams = 1 << 16;  // triangles of a view, whatever the device
 constexpr int64_t kTeamSizes[] = {0, 1, 2, 4, 8, -1};
 inline bool in_teams(const Frame& f, int64_t resident) {
   return f.views == 1 && !f.ranges && f.count <= min_of(kMostInTeams, resident * kMostOfTeam / kTeam) &&
-         pixels_each(f) >= kSmallPixels;
+         pixels_each(f) >= kSmallPixels && (pixels_of_all(f) > kSmallImage || f.count > 2 * resident);
 }
 // Teams that there can be. each, team: as the caller wants, or 0.
 inline int64_t most_teams(const Frame& f, int64_t each, int64_t team) {
@@ -169,7 +170,7 @@ constexpr int kPixelBits = 40;
 // RowLimits::widest. Warps that are left alone with their triangles take no large ones. Nor do the blocks of a few
 // triangles, where most of the device has nothing to do. Where an image has many pixels, or all views have few, what waits
 // for blocks that own them takes long to begin. wanted: the caller's, or 0.
-constexpr int64_t kFewTriangles = 256, kSmallImage = 1 << 19, kHugeImage = 1 << 22;  // px
+constexpr int64_t kFewTriangles = 256;
 inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
@@ -180,11 +181,14 @@ inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
 
 // RowLimits::most_large where what waits is drawn by patches, which cost little for each pixel, but much to begin with.
 // The smaller the image, the fewer patches draw at once, and the more triangles each of them draws one after the other.
-// Nor do they pay where the large ones do not cover the image more than once.
-constexpr double kMostLarge = 1800;  // px for each triangle of a sample, of any image
+// Nor do they pay where large ones do not cover half of the image; where that alone tells few triangles of a mesh from layers
+// of large ones, less is enough.
+constexpr double kMostLarge = 1800, kMostLargeOfTeam = 1300;  // px for each triangle of a sample, of any image
 constexpr double kMostLargeOfImage = 3.2e8;  // what a smaller image adds, times its pixels
-inline int most_large(const Frame& f, int count) {
-  const double for_each = max_of(kMostLarge + kMostLargeOfImage / (double)pixels_of_all(f), pixels_each(f));
+constexpr double kLeastLayers = 0.5;
+inline int most_large(const Frame& f, bool of_team, int count) {
+  const double any = of_team ? kMostLargeOfTeam : kMostLarge;
+  const double for_each = max_of(any + kMostLargeOfImage / (double)pixels_of_all(f), kLeastLayers * pixels_each(f));
   return (int)min_of(count * for_each, (double)INT32_MAX);
 }
 // Triangles of a sample. A team's group is shared out to its blocks, so many in a row each.
