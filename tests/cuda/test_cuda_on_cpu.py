@@ -569,10 +569,10 @@ def test_counters_of_patches() -> None:
 @exhaustive
 def test_counters_of_rows() -> None:
     """Rows, boxes and slivers, and what waits beside them, in bins or patches."""
-    # Blocks that draw their triangles together, up to wide ones; warps that draw by boxes where most are small, or leave rows to
+    # Blocks that draw their triangles together, up to wide ones, also in teams; warps that draw by boxes where most are small, or leave rows to
     # others; slivers in two bands.
     together, wide = {"share": 32, "widest": 64}, {"share": 32, "widest": 256}
-    ways = together, wide, {"share": 128, "widest": 64}, {"share": 256, "widest": 256}, {**together, "cache": 800_000}
+    ways = together, {**wide, "team": 4}, wide, {"share": 128, "widest": 64}, {"share": 256, "widest": 256}, {**together, "cache": 800_000}
     for way, name, variant in itertools.product(ways, (*ODD, "many_small"), ("two_stage", "bin_owned")):
         found = counted(name, variant, {"few": 0, **way})
         found.assert_bounds()
@@ -640,8 +640,10 @@ def test_large_triangles_wait_where_blocks_have_many(
 @pytest.mark.parametrize(
     ("sides", "wait"),
     [
-        ((LARGE,) * 16, 16),  # of each block four, 29,576 px of up to 12,400 on average
-        ((LARGE,) * 3, 0),  # 22,182 px of up to 24,800 that are drawn without asking
+        ((LARGE,) * 16, 16),  # of each block four, 29,576 px of up to 13,200 on average
+        ((LARGE,) * 3, 0),  # 22,182 px of up to 26,400 that are drawn without asking
+        ((LARGE, 115, 2, 2) * 4, 0),  # 13,180
+        ((LARGE, 116, 2, 2) * 4, 8),  # 13,281
         # The second block would have them wait, and the third would not: 7,394, 18,485 and 14,787 px on average. What the
         # first one finds holds.
         ((LARGE, 2, 2, 2, *(LARGE,) * 4, LARGE), 0),
