@@ -572,7 +572,14 @@ def test_counters_of_rows() -> None:
     # Blocks that draw their triangles together, up to wide ones, also in teams; warps that draw by boxes where most are small, or leave rows to
     # others; slivers in two bands.
     together, wide = {"share": 32, "widest": 64}, {"share": 32, "widest": 256}
-    ways = together, {**wide, "team": 4}, wide, {"share": 128, "widest": 64}, {"share": 256, "widest": 256}, {**together, "cache": 800_000}
+    ways = (
+        together,
+        {**wide, "team": 4},
+        wide,
+        {"share": 128, "widest": 64},
+        {"share": 256, "widest": 256},
+        {**together, "cache": 800_000},
+    )
     for way, name, variant in itertools.product(ways, (*ODD, "many_small"), ("two_stage", "bin_owned")):
         found = counted(name, variant, {"few": 0, **way})
         found.assert_bounds()
