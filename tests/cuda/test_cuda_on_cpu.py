@@ -569,8 +569,8 @@ def test_counters_of_patches() -> None:
 @exhaustive
 def test_counters_of_rows() -> None:
     """Rows, boxes and slivers, and what waits beside them, in bins or patches."""
-    # Blocks that draw their triangles together, up to wide ones, also in teams; warps that draw by boxes where most are small, or leave rows to
-    # others; slivers in two bands.
+    # Blocks that draw their triangles together, up to wide ones, also in teams; warps that draw by boxes where most are small, or
+    # leave rows to others; slivers in two bands.
     together, wide = {"share": 32, "widest": 64}, {"share": 32, "widest": 256}
     ways = (
         together,
