@@ -231,7 +231,7 @@ def test_ranges_of_one_list(variant: str) -> None:
     ranges = np.stack([first, count], axis=1).astype(np.int32)
     tensors = torch.from_numpy(case.positions), torch.from_numpy(case.triangles)
     # Two launches and two steps of a warp already take 300 views.
-    for views, settings in ((1100, {}), (300, {"share": 4}), (300, {"share": 1024})):
+    for views, settings in ((1100, {}), (300, {"share": 4}), (300, {"share": 4, "team": 4}), (300, {"share": 1024})):
         seen = bigtri.rasterize(*tensors, case.resolution, ranges=torch.from_numpy(ranges[:views]))
         assert seen.depth is not None
         pictures = seen.packed.numpy(), seen.depth.numpy(), seen.dropped.numpy()
@@ -651,10 +651,10 @@ def test_large_triangles_wait_where_blocks_have_many(
         ((LARGE,) * 3, 0),  # 22,182 px of up to 26,400 that are drawn without asking
         ((LARGE, 115, 2, 2) * 4, 0),  # 13,180
         ((LARGE, 116, 2, 2) * 4, 8),  # 13,281
-        # The second block would have them wait, and the third would not: 7,394, 18,485 and 14,787 px on average. What the
-        # first one finds holds.
+        # What the first block finds holds, though those after it find another mean: 7,394, then 18,485 and 14,787 px; 29,576,
+        # 16,560 and then 12,221.
         ((LARGE, 2, 2, 2, *(LARGE,) * 4, LARGE), 0),
-        ((*(LARGE,) * 4, 2, 2, 2, 2, 90, 2, 2, 2, 90, 2, 2, 2), 6),  # 29,576, then 16,560 and 12,221
+        ((*(LARGE,) * 4, 2, 2, 2, 2, 90, 2, 2, 2, 90, 2, 2, 2), 6),
     ],
 )
 def test_blocks_of_a_team_agree_whether_large_triangles_wait(sides: tuple[int, ...], wait: int) -> None:
@@ -662,11 +662,20 @@ def test_blocks_of_a_team_agree_whether_large_triangles_wait(sides: tuple[int, .
 
 
 def test_few_large_triangles_do_not_wait_in_a_large_image() -> None:
-    """Of 288 triangles as large as these all together are half of the image: up to 6,944 px of a block's four wait for none."""
-    case = in_blocks((1000, 1000), 16, ((124, 2, 2, 2) * 4,))  # 6,727; without that limit 6,480
+    """288 triangles of 1,736 px each cover half of the image, so that a block's four wait only above 6,944 px."""
+    case = in_blocks((1000, 1000), 16, ((124, 2, 2, 2) * 4,))  # 6,727 px; else they would wait from 6,480 on
     assert len(case.triangles) == 288
     assert waiting(case, 16, team=4) == 0
     assert waiting(in_blocks((1000, 1000), 16, ((127, 2, 2, 2) * 4,)), 16, team=4) == 4  # 7,056
+
+
+def test_few_triangles_are_drawn_by_a_team() -> None:
+    """Of as many as this small a device can hold teams for. A block takes every fourth 32 of their rows."""
+    corners = np.arange(8)[:, None, None] * 20 + 5 + 90 * np.array(SHAPE)
+    case = from_pixels(corners, np.full((8, 3), 0.5), (300, 400))
+    for settings, blocks in (({}, 4), ({"team": 1}, 2), ({"team": 2}, 2), ({"share": 8}, 1), ({"share": 4, "team": 2}, 4)):
+        found = counted(case, "bin_owned", {"few": 0, **settings})
+        assert np.count_nonzero(found.blocks) == blocks, settings
 
 
 def test_large_triangles_of_views_and_parts_of_clipped_ones_wait() -> None:

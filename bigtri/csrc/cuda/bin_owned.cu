@@ -39,8 +39,8 @@ constexpr int64_t kRegionsAllowed[] = {0, 4, 8, kRegion, -1};
   BIGTRI_WIDEST_PARAMETER(X)                                                                                          \
   BIGTRI_SHARE_PARAMETER(X)                                                                                           \
   X(team, "blocks",                                                                                                   \
-    "that set up the same triangles, up to 32, and draw a part of their rows each; 0: 4 where the device holds all "  \
-    "at once and some triangles may be large, else 1",                                                                \
+    "that set up the same triangles, and draw a part of their rows each, where that is up to 32 a block and there "   \
+    "are no ranges; 0: where share is 0, 4 or 1 by the image and the number of triangles; else 1",                    \
     0, 0, 8, kTeamSizes)                                                                                              \
   X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
@@ -196,11 +196,15 @@ struct Rows {
   RowLimits limits;  // what is beyond them waits
 };
 
+// Waiting::words.
+int64_t more_words(const Frame& f, const Values& v) {
+  return max_of(all_or_few(f) ? LastTurns::words(LastTurns::kMost) : 0, most_teams(f, v.share, v.team));
+}
+
 Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
   Rows r;
-  const int64_t words = max_of(all_or_few(f) ? LastTurns::words(LastTurns::kMost) : 0, most_teams(f, v.share, v.team));
-  r.waiting =
-      take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles), words);
+  r.waiting = take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles),
+                           more_words(f, v));
   r.projected = take_projected(scratch, f, way_of(v.share) == Way::kTested);
   r.ranges = f.ranges ? scratch->take<ViewRange>(f.views) : nullptr;
   return r;
@@ -287,6 +291,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
                             (int)max_of<int64_t>(1, f.count / in_turn / LastTurns::kPieces)};
     zeros = LastTurns::words(room);
   }
+  if (zeros > more_words(f, v)) return cudaErrorInvalidValue;
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream));
   const bool teams = r.sharing.log_team > 0;
   r.limits = {widest_rows(f, way, v.widest), most_large(f, teams, of_sample(r.sharing)),

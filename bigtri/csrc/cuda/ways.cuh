@@ -92,16 +92,21 @@ constexpr int64_t kSmallImage = 1 << 19, kHugeImage = 1 << 22;  // px
 // A team of blocks sets up the same triangles, and each block draws a part of their rows: all multiprocessors have as much to
 // draw, whatever the triangles' sizes. While the device holds all blocks at once that takes next to no longer, for a warp sets
 // up 16 as fast as four. It pays where some triangles may be large; few of them are drawn as fast alone in a small image.
-constexpr int kTeam = 4, kMostOfTeam = 16;  // blocks, and triangles
-constexpr int64_t kMostInTeams = 1 << 16;  // triangles of a view, whatever the device
+constexpr int kBlocksOfTeam = 4, kMostOfTeam = 16;  // the latter triangles
+constexpr int64_t kMostInTeams = 1 << 16;  // triangles of all views, whatever the device
 constexpr int64_t kTeamSizes[] = {0, 1, 2, 4, 8, -1};
-inline bool in_teams(const Frame& f, int64_t resident) {
-  return f.views == 1 && !f.ranges && f.count <= min_of(kMostInTeams, resident * kMostOfTeam / kTeam) &&
-         pixels_each(f) >= kSmallPixels && (pixels_of_all(f) > kSmallImage || f.count > 2 * resident);
+inline bool teams_pay(const Frame& f, int64_t resident) {
+  return f.count <= resident * kMostOfTeam / kBlocksOfTeam && pixels_each(f) >= kSmallPixels &&
+         (pixels_of_all(f) > kSmallImage || f.count > 2 * resident);
 }
-// Teams that there can be. each, team: as the caller wants, or 0.
+// Whether there can be teams at all, as the caller wants it: triangles of a block, and blocks of a team, or 0.
+inline bool may_be_in_teams(const Frame& f, int64_t each, int64_t team) {
+  if (f.ranges || team == 1 || each > kWarp) return false;
+  return each > 0 ? team > 1 : triangles_of_all(f) <= kMostInTeams && (team > 1 || f.views == 1);
+}
+// How many teams there are then at most.
 inline int64_t most_teams(const Frame& f, int64_t each, int64_t team) {
-  if (f.ranges || team == 1 || (team == 0 && (each > 0 || f.views > 1 || f.count > kMostInTeams))) return 0;
+  if (!may_be_in_teams(f, each, team)) return 0;
   const int64_t least = each > 0 ? each : kLeastTogether;
   return (f.count + least - 1) / least * f.views;
 }
@@ -181,8 +186,8 @@ inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
 
 // RowLimits::most_large where what waits is drawn by patches, which cost little for each pixel, but much to begin with.
 // The smaller the image, the fewer patches draw at once, and the more triangles each of them draws one after the other.
-// Nor do they pay where large ones do not cover half of the image; where that alone tells few triangles of a mesh from layers
-// of large ones, less is enough.
+// Nor do they pay where samples that have large ones have, for each triangle, less than half of what the image has for each: a
+// mesh of few triangles, all of which are large. Since that tells such meshes from layers, less is enough in teams.
 constexpr double kMostLarge = 1800, kMostLargeOfTeam = 1300;  // px for each triangle of a sample, of any image
 constexpr double kMostLargeOfImage = 3.2e8;  // what a smaller image adds, times its pixels
 constexpr double kLeastLayers = 0.5;
@@ -210,8 +215,8 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
                             ViewRange* ranges, Sharing* s, int64_t* blocks, cudaStream_t stream) {
   int resident;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), block_threads(Way::kEven), 0, &resident));
-  if (team == 0) team = each == 0 && in_teams(f, resident) ? kTeam : 1;
-  if (ranges) team = 1;
+  if (!may_be_in_teams(f, each, team)) team = 1;
+  if (team == 0) team = teams_pay(f, resident) ? kBlocksOfTeam : 1;
   s->each = each > 0 ? (int)each : share_size(f, resident, (int)team, projected);
   s->way = way_of(s->each);
   const int64_t alone = (f.count + (int64_t)s->each - 1) / s->each;  // blocks of a view, without teams
