@@ -33,6 +33,8 @@ PATHS: dict[str, dict[str, int]] = {
     "rows, queue 1": {"few": 0, "widest": 8, "queue": 1},
     "rows, two bands, short lists": {"few": 0, "widest": 8, "cache": 200_000, "queue": 600},
     "none by rows": {"few": 0, "widest": 1},
+    "in teams": {"few": 0, "share": 16, "team": 4},
+    "in groups": {"few": 0, "share": 96},
     "even": {"few": 0, "share": 256},
     "apart": {"few": 0, "share": 128},
     "tested": {"few": 0, "share": 1024},
@@ -44,7 +46,7 @@ PATHS: dict[str, dict[str, int]] = {
     "16 warps, 16 px": {"few": 65536, "warps": 16, "region": 16},
     "one block": {"few": 65536, "blocks": 1},
 }
-QUICK = ("few", "16 warps, 16 px", "rows", "rows, queue 1", "even", "apart", "tested", "entries 1")
+QUICK = ("few", "16 warps, 16 px", "rows", "rows, queue 1", "in teams", "in groups", "even", "apart", "tested", "entries 1")
 CULLS = ("none", "back")
 
 

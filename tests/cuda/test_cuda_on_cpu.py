@@ -231,7 +231,7 @@ def test_ranges_of_one_list(variant: str) -> None:
     ranges = np.stack([first, count], axis=1).astype(np.int32)
     tensors = torch.from_numpy(case.positions), torch.from_numpy(case.triangles)
     # Two launches and two steps of a warp already take 300 views.
-    for views, settings in ((1100, {}), (300, {"share": 4}), (300, {"share": 1024})):
+    for views, settings in ((1100, {}), (300, {"share": 4}), (300, {"share": 4, "team": 4}), (300, {"share": 1024})):
         seen = bigtri.rasterize(*tensors, case.resolution, ranges=torch.from_numpy(ranges[:views]))
         assert seen.depth is not None
         pictures = seen.packed.numpy(), seen.depth.numpy(), seen.dropped.numpy()
@@ -569,10 +569,17 @@ def test_counters_of_patches() -> None:
 @exhaustive
 def test_counters_of_rows() -> None:
     """Rows, boxes and slivers, and what waits beside them, in bins or patches."""
-    # Blocks that draw their triangles together, up to wide ones; warps that draw by boxes where most are small, or leave rows to
-    # others; slivers in two bands.
+    # Blocks that draw their triangles together, up to wide ones, also in teams; warps that draw by boxes where most are small, or
+    # leave rows to others; slivers in two bands.
     together, wide = {"share": 32, "widest": 64}, {"share": 32, "widest": 256}
-    ways = together, wide, {"share": 128, "widest": 64}, {"share": 256, "widest": 256}, {**together, "cache": 800_000}
+    ways = (
+        together,
+        {**wide, "team": 4},
+        wide,
+        {"share": 128, "widest": 64},
+        {"share": 256, "widest": 256},
+        {**together, "cache": 800_000},
+    )
     for way, name, variant in itertools.product(ways, (*ODD, "many_small"), ("two_stage", "bin_owned")):
         found = counted(name, variant, {"few": 0, **way})
         found.assert_bounds()
@@ -635,6 +642,40 @@ def test_large_triangles_wait_where_blocks_have_many(
     assert waiting(case, each) == wait
     assert waiting(case, each, widest=256) == 0, "the caller's limit is the only one"
     assert counted(case, "two_stage", {"share": each}).of["by_tiles"] == 0
+
+
+@pytest.mark.parametrize(
+    ("sides", "wait"),
+    [
+        ((LARGE,) * 16, 16),  # of each block four, 29,576 px of up to 13,200 on average
+        ((LARGE,) * 3, 0),  # 22,182 px of up to 26,400 that are drawn without asking
+        ((LARGE, 115, 2, 2) * 4, 0),  # 13,180
+        ((LARGE, 116, 2, 2) * 4, 8),  # 13,281
+        # What the first block finds holds, though those after it find another mean: 7,394, then 18,485 and 14,787 px; 29,576,
+        # 16,560 and then 12,221.
+        ((LARGE, 2, 2, 2, *(LARGE,) * 4, LARGE), 0),
+        ((*(LARGE,) * 4, 2, 2, 2, 2, 90, 2, 2, 2, 90, 2, 2, 2), 6),
+    ],
+)
+def test_blocks_of_a_team_agree_whether_large_triangles_wait(sides: tuple[int, ...], wait: int) -> None:
+    assert waiting(in_blocks((400, 400), 16, (sides,)), 16, team=4) == wait
+
+
+def test_few_large_triangles_do_not_wait_in_a_large_image() -> None:
+    """288 triangles of 1,736 px each cover half of the image, so that a block's four wait only above 6,944 px."""
+    case = in_blocks((1000, 1000), 16, ((124, 2, 2, 2) * 4,))  # 6,727 px; else they would wait from 6,480 on
+    assert len(case.triangles) == 288
+    assert waiting(case, 16, team=4) == 0
+    assert waiting(in_blocks((1000, 1000), 16, ((127, 2, 2, 2) * 4,)), 16, team=4) == 4  # 7,056
+
+
+def test_few_triangles_are_drawn_by_a_team() -> None:
+    """Of as many as this small a device can hold teams for. A block takes every fourth 32 of their rows."""
+    corners = np.arange(8)[:, None, None] * 20 + 5 + 90 * np.array(SHAPE)
+    case = from_pixels(corners, np.full((8, 3), 0.5), (300, 400))
+    for settings, blocks in (({}, 4), ({"team": 1}, 2), ({"team": 2}, 2), ({"share": 8}, 1), ({"share": 4, "team": 2}, 4)):
+        found = counted(case, "bin_owned", {"few": 0, **settings})
+        assert np.count_nonzero(found.blocks) == blocks, settings
 
 
 def test_large_triangles_of_views_and_parts_of_clipped_ones_wait() -> None:

@@ -455,7 +455,12 @@ def test_some_views_of_a_batch_are_checked(kinds: tuple[str, ...]) -> None:
 
 def variant(name: str, **parameters: tuple[int, int]) -> native.Variant:
     """As a registry has it; parameters: lowest and highest value."""
-    only = {"warps": (0, 8, 16), "region": (0, 4, 8, 16), "share": (0, 2, 4, 8, 16, 32, 64, 96, 128, 256, 1024)}
+    only = {
+        "warps": (0, 8, 16),
+        "region": (0, 4, 8, 16),
+        "share": (0, 2, 4, 8, 16, 32, 64, 96, 128, 256, 1024),
+        "team": (0, 1, 2, 4, 8),
+    }
     known = {p: native.Parameter(p, "", "", low, low, high, only.get(p, ())) for p, (low, high) in parameters.items()}
     return native.Variant(name, "", known)
 
@@ -463,7 +468,7 @@ def variant(name: str, **parameters: tuple[int, int]) -> native.Variant:
 TODAY = {
     v.name: v
     for v in (
-        variant("bin_owned", few=(0, 65536), warps=(0, 16), region=(0, 16), widest=(0, 256), share=(0, 1024)),
+        variant("bin_owned", few=(0, 65536), warps=(0, 16), region=(0, 16), widest=(0, 256), share=(0, 1024), team=(0, 8)),
         variant("two_stage", widest=(0, 256), share=(0, 1024)),
         variant("persistent"),
     )
@@ -478,7 +483,7 @@ def test_settings_are_those_of_the_registry(capsys: pytest.CaptureFixture[str]) 
     assert {name for way in cuda_cases.SETTINGS for name in way.parameters} <= PARAMETERS
     assert len({tuple(way.parameters.items()) for way in found}) == len({way.name for way in found}) == len(found)
     no_share = {"bin_owned": variant("bin_owned", few=(0, 65536), warps=(0, 16), region=(0, 16), widest=(0, 256))}
-    assert cuda_cases.ways(cuda_cases.SETTINGS, no_share) == [way for way in found if "share" not in way.parameters]
+    assert cuda_cases.ways(cuda_cases.SETTINGS, no_share) == [way for way in found if not {"share", "team"} & {*way.parameters}]
     left_out = "left out: bin_owned share 32: parameters of bin_owned are few, warps, region, widest, got share"
     assert left_out in capsys.readouterr().out
     for text, message in (

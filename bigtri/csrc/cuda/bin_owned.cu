@@ -38,6 +38,10 @@ constexpr int64_t kRegionsAllowed[] = {0, 4, 8, kRegion, -1};
   BIGTRI_QUEUE_PARAMETER(X)                                                                                           \
   BIGTRI_WIDEST_PARAMETER(X)                                                                                          \
   BIGTRI_SHARE_PARAMETER(X)                                                                                           \
+  X(team, "blocks",                                                                                                   \
+    "that set up the same triangles, and draw a part of their rows each, where that is up to 32 a block and there "   \
+    "are no ranges; 0: where share is 0, 4 or 1 by the image and the number of triangles; else 1",                    \
+    0, 0, 8, kTeamSizes)                                                                                              \
   X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
 BIGTRI_PARAMETERS(BIGTRI_LIST)
 
@@ -192,11 +196,15 @@ struct Rows {
   RowLimits limits;  // what is beyond them waits
 };
 
+// Waiting::words.
+int64_t more_words(const Frame& f, const Values& v) {
+  return max_of(all_or_few(f) ? LastTurns::words(LastTurns::kMost) : 0, most_teams(f, v.share, v.team));
+}
+
 Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
   Rows r;
-  const int64_t turns = all_or_few(f) ? LastTurns::words(LastTurns::kMost) : 0;
-  r.waiting =
-      take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles), turns);
+  r.waiting = take_waiting(scratch, f, v.queue, min_of<int64_t>(v.queue, triangles_of_all(f) * kMaxSubTriangles),
+                           more_words(f, v));
   r.projected = take_projected(scratch, f, way_of(v.share) == Way::kTested);
   r.ranges = f.ranges ? scratch->take<ViewRange>(f.views) : nullptr;
   return r;
@@ -270,22 +278,24 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   Rows r = take_rows(&scratch, f, v);
   BIGTRI_CUDA(sliver_bands(f, v.cache, &r.waiting.bands));
   int64_t blocks;
-  BIGTRI_CUDA(
-      share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, r.ranges, &r.sharing, &blocks, stream));
+  BIGTRI_CUDA(share_triangles(draw_by_rows<Way::kEven>, f, r.projected, v.share, v.team, r.ranges, &r.sharing, &blocks,
+                              stream));
   const Way way = r.sharing.way;
   if (together(way)) r.projected = nullptr;  // blocks project corners while the image is cleared
-  int64_t zeros = 0;  // words for last turns
+  int64_t zeros = r.sharing.log_team > 0 ? blocks >> r.sharing.log_team : 0;  // words: teams' decisions, or last turns
   if (way == Way::kAllOrFew) {
     const int64_t in_turn = (int64_t)r.sharing.blocks * block_threads(way);
     const int64_t room = min_of<int64_t>(LastTurns::kMost, in_turn / kWarp);
-    uint32_t* const words = r.waiting.last_turns;
+    uint32_t* const words = r.waiting.words;
     r.sharing.last_turns = {words, words + 1, words + LastTurns::words(0), (uint32_t)room,
                             (int)max_of<int64_t>(1, f.count / in_turn / LastTurns::kPieces)};
     zeros = LastTurns::words(room);
   }
+  if (zeros > more_words(f, v)) return cudaErrorInvalidValue;
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream));
-  r.limits = {widest_rows(f, way, v.widest), most_large(f, r.sharing.group),
-              v.widest > 0 ? nullptr : r.waiting.samples};
+  const bool teams = r.sharing.log_team > 0;
+  r.limits = {widest_rows(f, way, v.widest), most_large(f, teams, of_sample(r.sharing)),
+              most_large(f, teams, r.sharing.group) / 2, v.widest > 0 ? nullptr : r.waiting.samples, r.waiting.words};
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);
   }));

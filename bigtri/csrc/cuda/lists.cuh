@@ -18,7 +18,7 @@ struct Waiting {
   uint32_t room;  // of either
   // How many records have been put into each bin's list, or were to be; in front of bin 0 the other counts.
   uint32_t* sizes;
-  uint32_t* last_turns;  // LastTurns
+  uint32_t* words;  // what else is zero at first: of last turns, or teams' decisions
   uint64_t* samples;  // RowLimits::samples
   uint32_t* slots;  // of the records in the lists, `list_room` of each bin
   ViewBox* common_boxes;  // of the records that all look at
@@ -34,17 +34,17 @@ struct Waiting {
   __device__ uint64_t* sliver_count() const { return counts() + 2; }
   __device__ uint64_t* counts() const { return reinterpret_cast<uint64_t*>(sizes - kCounts); }
   static constexpr int kCounts = 6;  // words
-  // turns: words of the last turns that are needed.
-  Zeros zeros(int views, int64_t turns) const {
-    return {sizes - kCounts, (int64_t)bins * views + kCounts + turns, samples};
+  // more: of `words`, how many are needed.
+  Zeros zeros(int views, int64_t more) const {
+    return {sizes - kCounts, (int64_t)bins * views + kCounts + more, samples};
   }
   __device__ __forceinline__ int64_t bin(int view, int x, int y) const {
     return (int64_t)view * bins + y * columns + x;
   }
 };
 
-// turns: words of the last turns.
-Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t room, int64_t turns) {
+// words: Waiting::words.
+Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t room, int64_t words) {
   Waiting w;
   w.columns = bin_columns(f.view);
   w.bins = w.columns * bin_rows(f.view);
@@ -59,8 +59,8 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t ro
   // Few large triangles among many small ones: their records are at hand sooner than lists would be.
   w.common_below = 64;
   w.bands = 1;
-  w.sizes = scratch->take<uint32_t>(Waiting::kCounts + bins + turns) + Waiting::kCounts;
-  w.last_turns = w.sizes + bins;
+  w.sizes = scratch->take<uint32_t>(Waiting::kCounts + bins + words) + Waiting::kCounts;
+  w.words = w.sizes + bins;
   w.samples = scratch->take<uint64_t>(1);
   w.slots = scratch->take<uint32_t>(bins * w.list_room);
   w.common_boxes = scratch->take<ViewBox>(room);

@@ -276,6 +276,8 @@ __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
   return more > 0 ? 32 - __clz(more) : 0;
 }
 
+__device__ __forceinline__ int rows_of(const RowTriangle& r) { return r.rows() << cell_bits(r); }
+
 // Draws `count` triangles, at most 32, onto a view of this width that the kernels in front have cleared: rows first,
 // first + 1, ..., first + 31, and so on in steps of `step`, so that several warps can share them. kLeaves: only those of
 // the first triangles, whose bboxes have no more than `most` pixels together; returns the first row that is left, or -1
@@ -288,7 +290,7 @@ __device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const Row
   const bool have = lane < count;
   pixels = kept(pixels);
   int rows = 0;
-  if (have) rows = triangles[lane].rows() << cell_bits(triangles[lane]);
+  if (have) rows = rows_of(triangles[lane]);
   const int end = warp_sum_up_to(rows), begin = end - rows;
   int total = __shfl_sync(kAllLanes, end, kWarp - 1), left = -1;
   if (kLeaves) {

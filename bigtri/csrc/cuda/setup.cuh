@@ -64,6 +64,16 @@ __device__ __forceinline__ unsigned warp_or(unsigned v) {
 #endif
 }
 
+// The sum of the lanes' numbers, which all lanes get.
+__device__ __forceinline__ int warp_sum(int v) {
+#if __CUDA_ARCH__ >= 800
+  return __reduce_add_sync(kAllLanes, v);
+#else
+  for (int step = kWarp / 2; step; step /= 2) v += __shfl_xor_sync(kAllLanes, v, step);
+  return v;
+#endif
+}
+
 // The sum of the lanes' numbers up to this lane's own.
 __device__ __forceinline__ int warp_sum_up_to(int v) {
   for (int step = 1; step < kWarp; step *= 2) {

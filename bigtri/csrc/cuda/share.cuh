@@ -72,7 +72,7 @@ struct ShareShared {
   Search search[tests(kWay) ? kWarps : 1];
   unsigned clip[most_groups(kWay)];  // together: bit k of g: triangle k of group g has to be clipped
   int row_counts[kWarps];  // triangles drawn by rows: together of each group; even of each warp that leaves rows to all
-  int next_row[kWarps];  // the first of these rows
+  int next_row[kWarps];  // even: the first of these rows; in groups: how many rows a group has
   __device__ ShareShared() {}
 
   // Together: a group's corners. Its triangles end up in the memory of the warp that sets them up.
@@ -120,19 +120,38 @@ struct Filed {
   int rows, rest;
 };
 
-// Adds what a warp's large triangles cover to the samples, and says whether to let them wait. Those of a small sample are
-// drawn at once; the others wait for the kernels in front, and meanwhile more samples are added. By all lanes. Rarely
-// called, so that its registers cost the others nothing.
-__device__ __noinline__ bool large_ones_wait(const RowLimits& limits, int pixels) {
-  const int all = __shfl_sync(kAllLanes, warp_sum_up_to(pixels), kWarp - 1);
-  if (lane_id() == 0)
-    atomicAdd(reinterpret_cast<unsigned long long*>(limits.samples), (1ull << kPixelBits) + (unsigned long long)all);
-  if (all <= limits.most_large / 2) return false;
+// This block's place in its team.
+struct Team {
+  int log_size, member;
+
+  static __device__ __forceinline__ Team of_block(int log_size) {
+    return {log_size, (int)(blockIdx.x & ((1u << log_size) - 1))};
+  }
+  __device__ __forceinline__ bool first() const { return member == 0; }
+  // Whether this lane's triangle is in the block's own part of the group: its sample, and what it clips or lets wait.
+  __device__ __forceinline__ bool own() const { return (lane_id() / kOfSample & ((1 << log_size) - 1)) == member; }
+};
+constexpr uint32_t kByRows = 1, kWait = 2;  // RowLimits::decisions
+
+// Adds what a warp's large triangles cover to the samples, and says whether to let them wait. Where they are small they are
+// drawn at once; the others wait for the kernels in front, and meanwhile more samples are added. The blocks of a team have to
+// agree: what the first of them finds holds for all. By all lanes. Rarely called, so that its registers cost the others
+// nothing. A team would lie in local memory, which costs a kernel 5,000 cycles before its first load; its size does not.
+__device__ __noinline__ bool large_ones_wait(const RowLimits& limits, int log_team, int pixels) {
+  const Team team = Team::of_block(log_team);
+  const int all = warp_sum(pixels), own = warp_sum(team.own() ? pixels : 0);
+  if (lane_id() == 0 && own > 0)
+    atomicAdd(reinterpret_cast<unsigned long long*>(limits.samples), (1ull << kPixelBits) + (unsigned long long)own);
+  if (all <= limits.most_at_once) return false;
   wait_for_previous();
   bool many = false;
   if (lane_id() == 0) {
     const uint64_t samples = reread(*limits.samples), count = samples >> kPixelBits;
     many = (samples & ((1ull << kPixelBits) - 1)) > count * (uint64_t)limits.most_large;
+    if (log_team > 0) {
+      const uint32_t before = atomicCAS(limits.decisions + (blockIdx.x >> log_team), 0u, many ? kWait : kByRows);
+      if (before) many = before == kWait;
+    }
   }
   return __shfl_sync(kAllLanes, many, 0);
 }
@@ -141,18 +160,19 @@ __device__ __noinline__ bool large_ones_wait(const RowLimits& limits, int pixels
 // ones are a sample. By all lanes; ends with a barrier of the warp.
 template <bool kSamples>
 __device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_t triangle, int32_t view, bool have,
-                                      const RowLimits& limits, WarpShared* s) {
+                                      const RowLimits& limits, const Team& team, WarpShared* s) {
   bool by_rows = have && fits_rows(p, limits.widest);
   int pixels = 0;  // that it covers, about; of what the screen cuts no more than its box has
   if (by_rows) pixels = min_of((p.x1 - p.x0) * (p.y1 - p.y0), (int)(p.area / kSubpixel / kSubpixel / 2));
   const bool large = pixels > kLarge;
   if (kSamples && limits.samples && __any_sync(kAllLanes, large))
-    by_rows &= !(large_ones_wait(limits, large ? pixels : 0) && large);
-  const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, have && !by_rows);
-  count_work(f, Counter::records, by_rows);
-  count_work(f, Counter::by_rows, by_rows);
+    by_rows &= !(large_ones_wait(limits, team.log_size, large ? pixels : 0) && large);
+  const bool waits = have && !by_rows && team.own();
+  const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, waits);
+  count_work(f, Counter::records, by_rows && team.first());  // the others set up the same
+  count_work(f, Counter::by_rows, by_rows && team.first());
   if (by_rows) make_row_triangle(p, (uint32_t)triangle, &s->triangle[__popc(rows & lanes_below())]);
-  if (have && !by_rows) {
+  if (waits) {
     Record* const r = s->records_end() - 1 - __popc(rest & lanes_below());
     fill_record(p, triangle, r);
     r->view = view;
@@ -170,7 +190,7 @@ __device__ __noinline__ Filed file_left(const Frame& f, int32_t view, int count,
   const Primitive p = left.primitive();
   const int32_t t = left.t;
   __syncwarp();
-  return file<false>(f, p, f.first_triangle + t, view, have, limits, s);
+  return file<false>(f, p, f.first_triangle + t, view, have, limits, Team{}, s);
 }
 
 // Clips triangle t of a view and files the parts. By all lanes. Rarely called, so that its registers cost the others
@@ -182,7 +202,7 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
   Primitive part;
   const bool have = clip_part(f, view, t, &s->clip, &part);
   __syncwarp();
-  return file<kSamples>(f, part, f.first_triangle + t, view, have, limits, s);
+  return file<kSamples>(f, part, f.first_triangle + t, view, have, limits, Team{}, s);
 }
 
 // Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
@@ -228,6 +248,10 @@ struct Drawing {
   const int warp;
   ShareShared<kWay>* const shared;
 
+  // Computed anew wherever it is asked for, which takes fewer instructions than to keep it.
+  __device__ __forceinline__ Team team() const {
+    return kWay == Way::kTogether ? Team::of_block(computed_here(sharing.log_team)) : Team{};
+  }
   // The group that the warp sets up, if any. With one group it is warp 0's, which takes no register.
   __device__ __forceinline__ int own_group() const { return kGroups > 1 ? warp : 0; }
 
@@ -259,7 +283,7 @@ struct Drawing {
       }
       clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
       const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
-      if (dropped) count_dropped(f, share.view, dropped);
+      if (dropped && team().first()) count_dropped(f, share.view, dropped);
       const bool have = fate == Fate::kWhole;
       shown = clip | __ballot_sync(kAllLanes, have);
       const bool small = !kTogether && have && is_small(p);
@@ -271,12 +295,15 @@ struct Drawing {
         draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
         if (left) filed = file_left(f, share.view, __popc(left), limits, s);
       } else if (__any_sync(kAllLanes, have)) {
-        filed = file<kSamples>(f, p, f.first_triangle + t, share.view, have, limits, s);
+        filed = file<kSamples>(f, p, f.first_triangle + t, share.view, have, limits, team(), s);
       }
+      if (kWay == Way::kTogether) clip &= __ballot_sync(kAllLanes, team().own());
     }
     if (kTogether) {
+      const int rows = kGroups > 1 ? warp_sum(lane_id() < filed.rows ? rows_of(s->triangle[lane_id()]) : 0) : 0;
       if (threadIdx.x < kGroups * kWarp && threadIdx.x % kWarp == 0) {
         shared->row_counts[own_group()] = filed.rows;
+        if (kGroups > 1) shared->next_row[own_group()] = rows;
         shared->clip[own_group()] = clip;
       }
       __syncthreads();
@@ -288,10 +315,12 @@ struct Drawing {
 #pragma unroll 1
     for (;;) {
       const int count = all_draw ? shared->row_counts[group] : filed.rows;
-      if (count > 0) {
-        const int turn = kGroups > 1 ? (warp + 3 * group) % kWarps : warp;  // another one begins with each
+      const int turn = kGroups > 1 ? (warp + 3 * group) % kWarps : warp;  // another one begins with each
+      // In groups, most warps have none of a group's rows, and would take 1,000 cycles to find that out.
+      if (kGroups > 1 && all_draw ? turn * kWarp < shared->next_row[group] : count > 0) {
         const int next = draw_rows<kLeaves>(pixels, f.view.width, shared->warp[all_draw ? group : warp].triangle, count,
-                                            all_draw ? turn * kWarp : 0, all_draw ? kWarps * kWarp : kWarp,
+                                            all_draw ? ((turn << team().log_size) + team().member) * kWarp : 0,
+                                            all_draw ? kWarps * kWarp << team().log_size : kWarp,
                                             clip ? INT32_MAX : sharing.own_pixels, &s->rows);
         if (kLeaves && next >= 0) {
           shared->row_counts[warp] = count;

@@ -61,7 +61,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, PairQueue q, cudaStream
   if constexpr (kRows) {
     Sharing sharing;
     int64_t blocks;
-    BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kEven>, f, q.set_up.projected, v.share, nullptr, &sharing,
+    BIGTRI_CUDA(share_triangles(set_up_and_enqueue<Way::kEven>, f, q.set_up.projected, v.share, 1, nullptr, &sharing,
                                 &blocks, stream));
     const Way way = sharing.way;
     if (together(way)) q.set_up.projected = nullptr;  // blocks project corners while the image is cleared
@@ -69,7 +69,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, PairQueue q, cudaStream
     if (f.count > 0)
       BIGTRI_CUDA(with_way(way, [&](auto of) {
         return launch_next(set_up_and_enqueue<of.value>, blocks, block_threads(of.value), 0, stream, f, q, sharing,
-                           RowLimits{widest_rows(f, way, v.widest), 0, nullptr});
+                           RowLimits{widest_rows(f, way, v.widest), 0, 0, nullptr, nullptr});
       }));
   }
   return cudaSuccess;

@@ -68,6 +68,7 @@ struct Sharing {
   Way way;
   int each;  // triangles of a block, if not in turns
   int groups, group;  // of a block, and triangles of each but the last: what a warp sets up at once
+  int log_team;  // together: log2 of how many blocks are a team
   int own_pixels;  // even: of the bboxes of those that a warp draws by rows alone; it leaves what comes after
   int log_neighbours;  // even and apart: log2 of how many of them lie next to each other in the list
   uint32_t blocks;  // of a view, if all draw the same triangles
@@ -85,8 +86,31 @@ inline double pixels_each(const Frame& f) {
 }
 // Times that kEven's blocks fill the device, from which on it does not matter what each of them has to do.
 constexpr int64_t kTurns = 4;
-// Pixels for each, from which on two triangles keep a block busy.
-constexpr double kManyPixels = 512;
+constexpr int kLeastTogether = 4;  // triangles of a block that draws them together
+constexpr int64_t kSmallImage = 1 << 19, kHugeImage = 1 << 22;  // px
+
+// A team of blocks sets up the same triangles, and each block draws a part of their rows: all multiprocessors have as much to
+// draw, whatever the triangles' sizes. While the device holds all blocks at once that takes next to no longer, for a warp sets
+// up 16 as fast as four. It pays where some triangles may be large; few of them are drawn as fast alone in a small image.
+constexpr int kBlocksOfTeam = 4, kMostOfTeam = 16;  // the latter triangles
+constexpr int64_t kMostInTeams = 1 << 16;  // triangles of all views, whatever the device
+constexpr int64_t kTeamSizes[] = {0, 1, 2, 4, 8, -1};
+inline bool teams_pay(const Frame& f, int64_t resident) {
+  return f.count <= resident * kMostOfTeam / kBlocksOfTeam && pixels_each(f) >= kSmallPixels &&
+         (pixels_of_all(f) > kSmallImage || f.count > 2 * resident);
+}
+// Whether there can be teams at all, as the caller wants it: triangles of a block, and blocks of a team, or 0.
+inline bool may_be_in_teams(const Frame& f, int64_t each, int64_t team) {
+  if (f.ranges || team == 1 || each > kWarp) return false;
+  return each > 0 ? team > 1 : triangles_of_all(f) <= kMostInTeams && (team > 1 || f.views == 1);
+}
+// How many teams there are then at most.
+inline int64_t most_teams(const Frame& f, int64_t each, int64_t team) {
+  if (!may_be_in_teams(f, each, team)) return 0;
+  const int64_t least = each > 0 ? each : kLeastTogether;
+  return (f.count + least - 1) / least * f.views;
+}
+
 // Triangles for each block that the device holds at once, up to which blocks draw theirs together; more if some may be large,
 // which a warp had better not draw alone.
 constexpr int64_t kMostTogether = 92, kMostTogetherIfLarge = 168;
@@ -98,9 +122,9 @@ inline bool shows_few(const Frame& f, int64_t resident) {
          triangles_of_all(f) > resident * kOfEven * (pixels <= kLeastPixels ? kTurns / 2 : kTurns);
 }
 
-// Triangles of a block such that there are blocks for a device that holds so many of kEven's warps at once. projected:
-// whether there is memory for the vertices, which testing needs.
-inline int share_size(const Frame& f, int64_t resident, bool projected) {
+// Triangles of a block such that there are blocks for a device that holds so many of kEven's warps at once. team: blocks of
+// a team. projected: whether there is memory for the vertices, which testing needs.
+inline int share_size(const Frame& f, int64_t resident, int team, bool projected) {
   const int64_t total = triangles_of_all(f);
   const double pixels = pixels_each(f);
   if (projected && shows_few(f, resident)) return kOfTested;
@@ -112,12 +136,13 @@ inline int share_size(const Frame& f, int64_t resident, bool projected) {
     return even ? kOfEven : kOfApart;
   }
   const auto blocks = [&](int64_t each) {  // each view has its own
-    return f.ranges ? (total + each - 1) / each : (f.count + each - 1) / each * f.views;
+    return f.ranges ? (total + each - 1) / each : (f.count + each - 1) / each * f.views * team;
   };
-  // As few as make one turn, or as many turns as it takes. Of large triangles two are enough for a block.
-  const int64_t turns = (total + resident * kMostInGroups - 1) / (resident * kMostInGroups);
-  int each = pixels >= kManyPixels ? 2 : 4;
-  while (each < kMostInGroups && blocks(each) > turns * resident) ++each;
+  // As few as make one turn, or as many turns as it takes.
+  const int most = team > 1 ? kWarp : kMostInGroups;
+  const int64_t turns = (total * team + resident * most - 1) / (resident * most);
+  int each = kLeastTogether;
+  while (each < most && blocks(each) > turns * resident) ++each;
   if (f.ranges || f.count == 0) return each;
   const int of_view = (f.count + each - 1) / each;  // the view's blocks get as many as each other
   return (f.count + of_view - 1) / of_view;
@@ -140,7 +165,9 @@ static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 struct RowLimits {
   int widest;
   int most_large;  // px of the large ones of a sample, on average
+  int most_at_once;  // px of a group's that are drawn without asking the others
   uint64_t* samples;  // how many << kPixelBits, and their pixels; null: large ones are drawn as any other
+  uint32_t* decisions;  // of each team, 0 at first
 };
 constexpr int kLarge = 1 << 11;  // px
 constexpr int kPixelBits = 40;
@@ -148,7 +175,7 @@ constexpr int kPixelBits = 40;
 // RowLimits::widest. Warps that are left alone with their triangles take no large ones. Nor do the blocks of a few
 // triangles, where most of the device has nothing to do. Where an image has many pixels, or all views have few, what waits
 // for blocks that own them takes long to begin. wanted: the caller's, or 0.
-constexpr int64_t kFewTriangles = 256, kSmallImage = 1 << 19, kHugeImage = 1 << 22;  // px
+constexpr int64_t kFewTriangles = 256;
 inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
@@ -159,12 +186,19 @@ inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
 
 // RowLimits::most_large where what waits is drawn by patches, which cost little for each pixel, but much to begin with.
 // The smaller the image, the fewer patches draw at once, and the more triangles each of them draws one after the other.
-constexpr double kMostLarge = 1800;  // px for each triangle of a sample, of any image
+// Nor do they pay where samples that have large ones have, for each triangle, less than half of what the image has for each: a
+// mesh of few triangles, all of which are large. Since that tells such meshes from layers, less is enough in teams.
+constexpr double kMostLarge = 1800, kMostLargeOfTeam = 1300;  // px for each triangle of a sample, of any image
 constexpr double kMostLargeOfImage = 3.2e8;  // what a smaller image adds, times its pixels
-inline int most_large(const Frame& f, int group) {
-  const double for_each = kMostLarge + kMostLargeOfImage / (double)pixels_of_all(f);
-  return (int)min_of(group * for_each, (double)INT32_MAX);
+constexpr double kLeastLayers = 0.5;
+inline int most_large(const Frame& f, bool of_team, int count) {
+  const double any = of_team ? kMostLargeOfTeam : kMostLarge;
+  const double for_each = max_of(any + kMostLargeOfImage / (double)pixels_of_all(f), kLeastLayers * pixels_each(f));
+  return (int)min_of(count * for_each, (double)INT32_MAX);
 }
+// Triangles of a sample. A team's group is shared out to its blocks, so many in a row each.
+constexpr int kOfSample = 4;
+inline int of_sample(const Sharing& s) { return s.log_team > 0 ? max_of(kOfSample, s.group >> s.log_team) : s.group; }
 
 // Sharing::own_pixels. Below that a warp is sooner done than the others can begin to help.
 inline int own_pixels(const Frame& f) { return (int64_t)f.view.width * f.view.height > kHugeImage ? 4096 : 2048; }
@@ -174,15 +208,21 @@ inline bool all_or_few(const Frame& f) {
   return f.views == 1 && !f.ranges && pixels_each(f) <= kLeastPixels && f.view.cull == kCullNone;
 }
 
-// Shares triangles among blocks. each: triangles of a block as the caller wants, or 0. ranges: memory for the views'
-// ranges, or null. kernel: that of kEven.
+// Shares triangles among blocks. each, team: triangles of a block, and blocks of a team, as the caller wants, or 0. ranges:
+// memory for the views' ranges, or null. kernel: that of kEven.
 template <class Kernel>
-cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64_t each, ViewRange* ranges, Sharing* s,
-                            int64_t* blocks, cudaStream_t stream) {
+cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64_t each, int64_t team,
+                            ViewRange* ranges, Sharing* s, int64_t* blocks, cudaStream_t stream) {
   int resident;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), block_threads(Way::kEven), 0, &resident));
-  s->each = each > 0 ? (int)each : share_size(f, resident, projected);
+  if (!may_be_in_teams(f, each, team)) team = 1;
+  if (team == 0) team = teams_pay(f, resident) ? kBlocksOfTeam : 1;
+  s->each = each > 0 ? (int)each : share_size(f, resident, (int)team, projected);
   s->way = way_of(s->each);
+  const int64_t alone = (f.count + (int64_t)s->each - 1) / s->each;  // blocks of a view, without teams
+  s->log_team = 0;
+  while (s->way == Way::kTogether && 1 << s->log_team < team && alone * f.views << s->log_team <= INT32_MAX / 2)
+    ++s->log_team;
   s->groups = (s->each + kWarp - 1) / kWarp;
   s->group = (s->each + s->groups - 1) / s->groups;
   s->in_turns = s->way == Way::kTested && f.views == 1 && !ranges;
@@ -196,7 +236,7 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
     s->blocks = (uint32_t)min_of(held, grid_blocks(f.count, block_threads(Way::kTested)));
     while (std::gcd(s->spread, s->blocks) > 1) ++s->spread;
   } else {
-    s->blocks = (uint32_t)(((int64_t)f.count + s->each - 1) / s->each);
+    s->blocks = (uint32_t)(alone << s->log_team);
   }
   s->ranges = ranges;
   *blocks = (int64_t)s->blocks * f.views;
@@ -265,6 +305,10 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
   }
   // A list may be as long as int32 counts.
   if (together(kWay)) {
+    if (kWay == Way::kTogether) {
+      block >>= s.log_team;
+      blocks >>= s.log_team;
+    }
     share.first += (int32_t)block;
     share.step = (int32_t)blocks;
     share.count = (all - 1 - (int32_t)block) / (int32_t)blocks + 1;
