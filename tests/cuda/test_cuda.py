@@ -52,23 +52,21 @@ SEEDED = [name for name in CASES if not name.startswith("size")]
 LARGE = ("size_1919x1079", "size_16384x7", "size_3x16384")  # the reference takes its time for these
 
 
-@pytest.fixture(params=VARIANTS)
-def variant(request):
-    return request.param
+each_variant = pytest.mark.parametrize("variant", VARIANTS)
+each_way = pytest.mark.parametrize(("variant", "path"), [(v, p) for v in VARIANTS for p in paths_of(v)], indirect=["path"])
 
 
-@pytest.fixture(params=PATHS)
-def path(request, variant):
-    if request.param not in paths_of(variant):
-        pytest.skip("no other way through this variant")
+@pytest.fixture
+def path(request):
     with native.using_parameters(**PATHS[request.param]):
-        yield request.param
+        yield
 
 
 # --- Bits ------------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", CASES)
+@each_way
 def test_every_case(name, variant, path):
     for seed, cull in itertools.product(range(6 if name in SEEDED else 1), CULLS):
         scene = Scene(name, seed)
@@ -76,12 +74,14 @@ def test_every_case(name, variant, path):
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if name not in LARGE])
+@each_way
 def test_the_reference_itself(name, variant, path):
     assert_same(expected(Scene(name), backend="reference"), draw(Scene(name), variant=variant), name)
 
 
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[1]}x{size[0]}")
 @pytest.mark.parametrize("name", ["S1", "S2", "S3", "S4f", "S4b", "S6-200k"])
+@each_variant
 def test_benchmark_scenes(name, size, variant):
     scene = Scene(name, size=size)
     for path in [p for p in paths_of(variant) if p in ("default", "tested") or not name.startswith("S6")]:
@@ -102,6 +102,7 @@ def test_benchmark_scenes(name, size, variant):
         ("S7", (1080, 1920), 3),
     ],
 )
+@each_variant
 def test_scenes_of_many_triangles(name, size, seed, variant):
     scene = Scene(name, seed, size)
     for path in [p for p in paths_of(variant) if p in ("default", "apart", "tested") or name == "S5"]:
@@ -138,17 +139,20 @@ SCISSORS = {
 @pytest.mark.parametrize(
     "name", ["screen_size", "many_small", "corner_of_huge", "slivers", "layers", "mixed", "long_slivers", "small_by_the_screen"]
 )
+@each_way
 def test_scissor(name, box, variant, path):
     scissor = SCISSORS[box]
     assert_same(expected(Scene(name), scissor=scissor), draw(Scene(name), variant=variant, scissor=scissor), (name, box))
 
 
 @pytest.mark.parametrize("name", ["size_16384x64", "size_64x16384", "size_128x67", "size_67x130"])
+@each_way
 def test_shapes_of_images(name, variant, path):
     for seed in range(3):
         assert_same(expected(Scene(name, seed)), draw(Scene(name, seed), variant=variant), (name, seed))
 
 
+@each_variant
 def test_the_largest_image(variant):
     """2 GiB: offsets of pixels pass 2^31 bytes."""
     case = case_of(Scene("screen_size"))._replace(resolution=(16384, 16384))
@@ -164,6 +168,7 @@ def test_the_largest_image(variant):
 @pytest.mark.parametrize(
     "make", [test_capacity.a_million_small_in_one_bin, test_capacity.a_million_large_in_one_bin], ids=lambda make: make.__name__
 )
+@each_variant
 def test_a_million_in_one_bin(make, variant):
     made = make()
     case = made if isinstance(made, Case) else made[0]
@@ -172,6 +177,7 @@ def test_a_million_in_one_bin(make, variant):
     assert_same(wanted, bigtri.rasterize(*arguments, case.resolution, variant=variant))
 
 
+@each_variant
 def test_more_than_float32_can_count(variant):
     """2^24 + 3 triangles, of which the last two are seen."""
     positions = torch.tensor([[-1, -1, 0, 1], [3, -1, 0, 1], [-1, 3, 0, 1], [5, 5, 0, 1]], dtype=torch.float32, device=DEVICE)
@@ -190,6 +196,7 @@ def misaligned(values: torch.Tensor, offset: int = 1) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("name", ["screen_size", "mixed", "size_63x63", "size_64x64", "size_128x67"])
+@each_way
 def test_memory_of_any_alignment(name, variant, path):
     """positions at 4, 8 and 12 bytes from where a vertex could be read at once, packed at 8 from where two pixels could be."""
     positions, triangles, resolution = uploaded(Scene(name))
@@ -202,6 +209,7 @@ def test_memory_of_any_alignment(name, variant, path):
 
 
 @pytest.mark.parametrize("name", ["screen_size", "many_small", "mixed"])
+@each_variant
 def test_memory_of_any_layout(name, variant):
     positions, triangles, resolution = uploaded(Scene(name))
     strided = positions.repeat_interleave(2, dim=0)[::2]
@@ -212,11 +220,13 @@ def test_memory_of_any_layout(name, variant):
 
 
 @pytest.mark.parametrize("name", ["screen_size", "mixed"])
+@each_way
 def test_depth_can_be_left_out(name, variant, path):
     assert_same(expected(Scene(name))._replace(depth=None), draw(Scene(name), variant=variant, depth=False))
 
 
 @pytest.mark.parametrize("name", ["size_63x63", "size_128x67", "size_1x65", "mixed"])
+@each_way
 def test_nothing_is_written_outside_the_image(name, variant, path):
     positions, triangles, (height, width) = uploaded(Scene(name))
     memory = torch.full((3, height, width), 0x5555, device=DEVICE)
@@ -226,6 +236,7 @@ def test_nothing_is_written_outside_the_image(name, variant, path):
 
 
 @pytest.mark.parametrize("resolution", [(61, 75), (64, 64), (128, 130)])
+@each_way
 def test_batch(resolution, variant, path):
     """Views of all kinds, an odd number of pixels each; one outside, one not finite."""
     names = ["screen_size", "behind_camera", "slivers", "far_depth", "on_planes", "many_small", "not_finite"]
@@ -239,6 +250,7 @@ def test_batch(resolution, variant, path):
 
 
 @pytest.mark.parametrize("shape", [(0, 4), (5, 4), (0, 5, 4), (2, 0, 4), (3, 5, 4), (0, 0, 4)])
+@each_way
 def test_nothing_to_draw(shape, variant, path):
     positions, triangles = torch.ones(shape), torch.zeros((0, 3), dtype=torch.int32)
     poison(0, 8 * 30, 8 * 90)
@@ -249,6 +261,7 @@ def test_nothing_to_draw(shape, variant, path):
 
 @pytest.mark.parametrize("name", ["screen_size", "mixed"])
 @pytest.mark.parametrize("index", [-1, "V", 2**31 - 1, -(2**31)])
+@each_way
 def test_an_index_out_of_range_is_dropped_and_counted(index, name, variant, path):
     """The picture is that of the others: such a triangle has become one without an area."""
     case = case_of(Scene(name))
@@ -268,6 +281,7 @@ def test_an_index_out_of_range_is_dropped_and_counted(index, name, variant, path
     assert (out == 77).all()
 
 
+@each_way
 def test_triangles_without_vertices_are_all_dropped(variant, path):
     triangles = torch.zeros((1000, 3), dtype=torch.int32, device=DEVICE)
     for shape, dropped in (((0, 4), 1000), ((2, 0, 4), [1000, 1000])):
@@ -300,6 +314,7 @@ def combinations(name: str) -> list[dict[str, int]]:
         *("clipped_fans", "hundreds_in_a_bin", "hundreds_in_a_list", "long_slivers", "small_on_cells"),
     ],
 )
+@each_variant
 def test_launch_settings_change_no_bit(name, variant):
     wanted = expected(Scene(name))
     known = native.REGISTRY["cuda"][DEFAULT][variant].parameters
@@ -361,6 +376,7 @@ REPEATED = {
 
 
 @pytest.mark.parametrize("settings", REPEATED)
+@each_variant
 def test_a_hundred_runs_give_the_same_bits(settings, variant):
     """Onto memory that holds what would win, what would lose and what is nothing, so that a pixel left out shows."""
     scene = Scene("mixed")
@@ -375,6 +391,7 @@ def test_a_hundred_runs_give_the_same_bits(settings, variant):
             assert_same(wanted, draw(scene, variant=variant, out=out if run % 2 else None), (settings, run))
 
 
+@each_variant
 def test_scenes_after_one_another(variant):
     """What one frame leaves in memory is nothing to the next."""
     order = np.random.default_rng(2).choice(
@@ -386,6 +403,7 @@ def test_scenes_after_one_another(variant):
             assert_same(expected(Scene(str(name))), draw(Scene(str(name)), variant=variant), (k, name, path))
 
 
+@each_variant
 def test_a_picture_of_ones_own_is_not_shared(variant):
     """Two results live side by side."""
     first = draw(Scene("layers"), variant=variant)
