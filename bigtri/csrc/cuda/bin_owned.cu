@@ -291,7 +291,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
                             (int)max_of<int64_t>(1, f.count / in_turn / LastTurns::kPieces)};
     zeros = LastTurns::words(room);
   }
-  if (zeros > more_words(f, v)) return cudaErrorInvalidValue;
+  if (zeros > more_words(f, v)) return cudaErrorInvalidValue;  // or they would lie in the lists
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream));
   const bool teams = r.sharing.log_team > 0;
   r.limits = {widest_rows(f, way, v.widest), most_large(f, teams, of_sample(r.sharing)),

@@ -276,6 +276,7 @@ __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
   return more > 0 ? 32 - __clz(more) : 0;
 }
 
+// Rows of a triangle, counted like that.
 __device__ __forceinline__ int rows_of(const RowTriangle& r) { return r.rows() << cell_bits(r); }
 
 // Draws `count` triangles, at most 32, onto a view of this width that the kernels in front have cleared: rows first,

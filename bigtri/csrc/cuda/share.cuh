@@ -3,6 +3,7 @@
 
 #include "last_turns.cuh"
 #include "rows.cuh"
+#include "samples.cuh"
 #include "small.cuh"
 #include "ways.cuh"
 
@@ -72,7 +73,10 @@ struct ShareShared {
   Search search[tests(kWay) ? kWarps : 1];
   unsigned clip[most_groups(kWay)];  // together: bit k of g: triangle k of group g has to be clipped
   int row_counts[kWarps];  // triangles drawn by rows: together of each group; even of each warp that leaves rows to all
-  int next_row[kWarps];  // even: the first of these rows; in groups: how many rows a group has
+  union {
+    int next_row[kWarps];  // even: the first of these rows
+    int group_rows[most_groups(kWay)];  // in groups: how many rows each has
+  };
   __device__ ShareShared() {}
 
   // Together: a group's corners. Its triangles end up in the memory of the warp that sets them up.
@@ -119,42 +123,6 @@ __device__ __forceinline__ void make_corners(const Frame& f, int64_t first_verte
 struct Filed {
   int rows, rest;
 };
-
-// This block's place in its team.
-struct Team {
-  int log_size, member;
-
-  static __device__ __forceinline__ Team of_block(int log_size) {
-    return {log_size, (int)(blockIdx.x & ((1u << log_size) - 1))};
-  }
-  __device__ __forceinline__ bool first() const { return member == 0; }
-  // Whether this lane's triangle is in the block's own part of the group: its sample, and what it clips or lets wait.
-  __device__ __forceinline__ bool own() const { return (lane_id() / kOfSample & ((1 << log_size) - 1)) == member; }
-};
-constexpr uint32_t kByRows = 1, kWait = 2;  // RowLimits::decisions
-
-// Adds what a warp's large triangles cover to the samples, and says whether to let them wait. Where they are small they are
-// drawn at once; the others wait for the kernels in front, and meanwhile more samples are added. The blocks of a team have to
-// agree: what the first of them finds holds for all. By all lanes. Rarely called, so that its registers cost the others
-// nothing. A team would lie in local memory, which costs a kernel 5,000 cycles before its first load; its size does not.
-__device__ __noinline__ bool large_ones_wait(const RowLimits& limits, int log_team, int pixels) {
-  const Team team = Team::of_block(log_team);
-  const int all = warp_sum(pixels), own = warp_sum(team.own() ? pixels : 0);
-  if (lane_id() == 0 && own > 0)
-    atomicAdd(reinterpret_cast<unsigned long long*>(limits.samples), (1ull << kPixelBits) + (unsigned long long)own);
-  if (all <= limits.most_at_once) return false;
-  wait_for_previous();
-  bool many = false;
-  if (lane_id() == 0) {
-    const uint64_t samples = reread(*limits.samples), count = samples >> kPixelBits;
-    many = (samples & ((1ull << kPixelBits) - 1)) > count * (uint64_t)limits.most_large;
-    if (log_team > 0) {
-      const uint32_t before = atomicCAS(limits.decisions + (blockIdx.x >> log_team), 0u, many ? kWait : kByRows);
-      if (before) many = before == kWait;
-    }
-  }
-  return __shfl_sync(kAllLanes, many, 0);
-}
 
 // Puts the lanes' primitives in their places in shared memory; have: whether this lane has one; kSamples: whether large
 // ones are a sample. By all lanes; ends with a barrier of the warp.
@@ -303,7 +271,7 @@ struct Drawing {
       const int rows = kGroups > 1 ? warp_sum(lane_id() < filed.rows ? rows_of(s->triangle[lane_id()]) : 0) : 0;
       if (threadIdx.x < kGroups * kWarp && threadIdx.x % kWarp == 0) {
         shared->row_counts[own_group()] = filed.rows;
-        if (kGroups > 1) shared->next_row[own_group()] = rows;
+        if (kGroups > 1) shared->group_rows[own_group()] = rows;
         shared->clip[own_group()] = clip;
       }
       __syncthreads();
@@ -317,7 +285,7 @@ struct Drawing {
       const int count = all_draw ? shared->row_counts[group] : filed.rows;
       const int turn = kGroups > 1 ? (warp + 3 * group) % kWarps : warp;  // another one begins with each
       // In groups, most warps have none of a group's rows, and would take 1,000 cycles to find that out.
-      if (kGroups > 1 && all_draw ? turn * kWarp < shared->next_row[group] : count > 0) {
+      if (kGroups > 1 && all_draw ? turn * kWarp < shared->group_rows[group] : count > 0) {
         const int next = draw_rows<kLeaves>(pixels, f.view.width, shared->warp[all_draw ? group : warp].triangle, count,
                                             all_draw ? ((turn << team().log_size) + team().member) * kWarp : 0,
                                             all_draw ? kWarps * kWarp << team().log_size : kWarp,
