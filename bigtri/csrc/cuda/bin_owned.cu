@@ -282,7 +282,8 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
                               stream));
   const Way way = r.sharing.way;
   if (together(way)) r.projected = nullptr;  // blocks project corners while the image is cleared
-  int64_t zeros = r.sharing.log_team > 0 ? blocks >> r.sharing.log_team : 0;  // words: teams' decisions, or last turns
+  const bool teams = way == Way::kInTeams;
+  int64_t zeros = teams ? blocks >> r.sharing.log_team : 0;  // words: teams' decisions, or last turns
   if (way == Way::kAllOrFew) {
     const int64_t in_turn = (int64_t)r.sharing.blocks * block_threads(way);
     const int64_t room = min_of<int64_t>(LastTurns::kMost, in_turn / kWarp);
@@ -293,7 +294,6 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   }
   if (zeros > more_words(f, v)) return cudaErrorInvalidValue;  // or they would lie in the lists
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream));
-  const bool teams = r.sharing.log_team > 0;
   r.limits = {widest_rows(f, way, v.widest), most_large(f, teams, of_sample(r.sharing)),
               most_large(f, teams, r.sharing.group) / 2, v.widest > 0 ? nullptr : r.waiting.samples, r.waiting.words};
   BIGTRI_CUDA(with_way(way, [&](auto of) {

@@ -105,13 +105,14 @@ template <Way kWay>
 __device__ __forceinline__ void make_corners(const Frame& f, int64_t first_vertex, const Share& share, int group,
                                              ShareShared<kWay>* shared) {
   constexpr int kGroups = most_groups(kWay), kThreads = block_threads(kWay);
-  static_assert(kGroups <= 3, "groups begin where they are compared with");
   static_assert(2 * kGroups <= block_warps(kWay), "corners_of() has room beside the groups");
 #pragma unroll
   for (int first = 0; first < 3 * kGroups * kWarp; first += kThreads) {
     const int c = first + (int)threadIdx.x, number = c / 3;
     if (c >= 3 * share.count) return;
-    const int at = kGroups > 1 ? (number >= group) + (number >= 2 * group) : 0;
+    int at = 0;
+#pragma unroll
+    for (int next = 1; next < kGroups; ++next) at += number >= next * group;
     const int32_t index = __ldg(f.triangles + 3 * (int64_t)(share.first + number * share.step) + (c - 3 * number));
     Vertex* const corner = shared->corners_of(at) + (c - 3 * at * group);
     *corner = {0, 0, 0.0f, kNonFinite};
@@ -218,7 +219,7 @@ struct Drawing {
 
   // Computed anew wherever it is asked for, which takes fewer instructions than to keep it.
   __device__ __forceinline__ Team team() const {
-    return kWay == Way::kTogether ? Team::of_block(computed_here(sharing.log_team)) : Team{};
+    return kWay == Way::kInTeams ? Team::of_block(computed_here(sharing.log_team)) : Team{};
   }
   // The group that the warp sets up, if any. With one group it is warp 0's, which takes no register.
   __device__ __forceinline__ int own_group() const { return kGroups > 1 ? warp : 0; }
@@ -265,7 +266,7 @@ struct Drawing {
       } else if (__any_sync(kAllLanes, have)) {
         filed = file<kSamples>(f, p, f.first_triangle + t, share.view, have, limits, team(), s);
       }
-      if (kWay == Way::kTogether) clip &= __ballot_sync(kAllLanes, team().own());
+      if (kWay == Way::kInTeams) clip &= __ballot_sync(kAllLanes, team().own());
     }
     if (kTogether) {
       const int rows = kGroups > 1 ? warp_sum(lane_id() < filed.rows ? rows_of(s->triangle[lane_id()]) : 0) : 0;

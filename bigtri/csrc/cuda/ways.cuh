@@ -15,7 +15,8 @@ namespace {
 // What a block does with its share.
 enum class Way {
   kTogether,  // up to 32 triangles, drawn by all warps together, so that a large one does not hold up a warp
-  kInGroups,  // the same with up to three groups of 32, each set up by a warp
+  kInTeams,  // the same triangles by several blocks, which draw a part of their rows each
+  kInGroups,  // together, up to four groups, each set up by a warp
   kEven,  // each warp draws 32 of its own, by boxes (small.cuh) where most are small; if some are large, it leaves a
   // part of them to all warps of the block, which draw it at the end
   kApart,  // the same, and none leaves any
@@ -25,8 +26,10 @@ enum class Way {
 };
 
 BIGTRI_HD constexpr bool tests(Way way) { return way == Way::kTested || way == Way::kAllOrFew; }
-BIGTRI_HD constexpr bool together(Way way) { return way == Way::kTogether || way == Way::kInGroups; }
-BIGTRI_HD constexpr int most_groups(Way way) { return way == Way::kInGroups ? 3 : 1; }
+BIGTRI_HD constexpr bool together(Way way) {
+  return way == Way::kTogether || way == Way::kInTeams || way == Way::kInGroups;
+}
+BIGTRI_HD constexpr int most_groups(Way way) { return way == Way::kInGroups ? 4 : 1; }
 
 // Warps of a block. A block's place is free for the next one only when its last warp is done, so that warps that do not
 // help each other are better off in small blocks.
@@ -36,10 +39,13 @@ BIGTRI_HD constexpr int block_threads(Way way) { return block_warps(way) * kWarp
 BIGTRI_HD constexpr int blocks_held(Way way) { return 32 / block_warps(way); }
 
 constexpr int kSearched = 8 * kWarp;  // triangles of a warp that tests them
-// Triangles of a block, which say what way it goes: up to kWarp together, up to the first number in groups.
-constexpr int kMostInGroups = most_groups(Way::kInGroups) * kWarp, kOfEven = block_threads(Way::kEven),
+// Triangles of a block, which say what way it goes: up to kWarp together, up to the first number in groups. Four groups of
+// 32 would be as many as kOfApart.
+constexpr int kMostInGroups = most_groups(Way::kInGroups) * (kWarp - 1), kOfEven = block_threads(Way::kEven),
               kOfApart = block_threads(Way::kApart), kOfTested = block_warps(Way::kTested) * kSearched;
-constexpr int64_t kShares[] = {0, 2, 4, 8, 16, kWarp, 2 * kWarp, kMostInGroups, kOfApart, kOfEven, kOfTested, -1};
+constexpr int64_t kShares[] = {0,         2,         4,        8,       16,      kWarp,
+                               2 * kWarp, 3 * kWarp, kMostInGroups, kOfApart, kOfEven, kOfTested, -1};
+static_assert(kMostInGroups < kOfApart, "or they would go the same way");
 constexpr Way way_of(int64_t each) {
   return each <= kWarp           ? Way::kTogether
          : each <= kMostInGroups ? Way::kInGroups
@@ -68,7 +74,7 @@ struct Sharing {
   Way way;
   int each;  // triangles of a block, if not in turns
   int groups, group;  // of a block, and triangles of each but the last: what a warp sets up at once
-  int log_team;  // together: log2 of how many blocks are a team
+  int log_team;  // in teams: log2 of how many blocks one has
   int own_pixels;  // even: of the bboxes of those that a warp draws by rows alone; it leaves what comes after
   int log_neighbours;  // even and apart: log2 of how many of them lie next to each other in the list
   uint32_t blocks;  // of a view, if all draw the same triangles
@@ -111,9 +117,9 @@ inline int64_t most_teams(const Frame& f, int64_t each, int64_t team) {
   return (f.count + least - 1) / least * f.views;
 }
 
-// Triangles for each block that the device holds at once, up to which blocks draw theirs together; more if some may be large,
-// which a warp had better not draw alone.
-constexpr int64_t kMostTogether = 92, kMostTogetherIfLarge = 168;
+// Triangles for each block that the device holds at once, up to which blocks draw theirs together: one turn; two if some may
+// be large, which a warp had better not draw alone.
+constexpr int64_t kMostTogether = kMostInGroups, kMostTogetherIfLarge = 192;
 
 // Whether most triangles cover no pixel, so that testing them first pays, if vertices are projected once.
 inline bool shows_few(const Frame& f, int64_t resident) {
@@ -223,6 +229,7 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   s->log_team = 0;
   while (s->way == Way::kTogether && 1 << s->log_team < team && alone * f.views << s->log_team <= INT32_MAX / 2)
     ++s->log_team;
+  if (s->log_team > 0) s->way = Way::kInTeams;
   s->groups = (s->each + kWarp - 1) / kWarp;
   s->group = (s->each + s->groups - 1) / s->groups;
   s->in_turns = s->way == Way::kTested && f.views == 1 && !ranges;
@@ -255,6 +262,7 @@ template <class Launch>
 cudaError_t with_way(Way way, const Launch& launch) {
   switch (way) {
     case Way::kTogether: return launch(WayOf<Way::kTogether>());
+    case Way::kInTeams: return launch(WayOf<Way::kInTeams>());
     case Way::kInGroups: return launch(WayOf<Way::kInGroups>());
     case Way::kEven: return launch(WayOf<Way::kEven>());
     case Way::kApart: return launch(WayOf<Way::kApart>());
@@ -305,7 +313,7 @@ __device__ __forceinline__ Share share_of(const Frame& f, const Sharing& s) {
   }
   // A list may be as long as int32 counts.
   if (together(kWay)) {
-    if (kWay == Way::kTogether) {
+    if (kWay == Way::kInTeams) {
       block >>= s.log_team;
       blocks >>= s.log_team;
     }
