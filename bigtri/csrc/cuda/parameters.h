@@ -26,10 +26,11 @@ constexpr int64_t kThreadCounts[] = {32, 64, 128, 256, kMostThreads, -1};
 // kShares: of ways.cuh
 #define BIGTRI_SHARE_PARAMETER(X)                                                                                   \
   X(share, "triangles",                                                                                             \
-    "of a block that sets up: up to 96 are drawn by its warps together, and set up by one of them for each 32; of " \
-    "256 and of 128 each warp draws 32, of 256 all help with those that are left because there are large ones; of " \
-    "1024 each warp tests its own and draws those that may show, and of one view all blocks at once take 32 a "     \
-    "warp in turns, whatever their number; 0: by the image and the number of triangles",                            \
+    "of a block that sets up: up to 124 are drawn by its warps together, and set up by one of them for each 32 at " \
+    "most; of 128 each warp draws 32; of 192 and 256 each draws an eighth, and all help with those that are left "  \
+    "because there are large ones; of 1024 each warp tests its own and draws those that may show, and of one view " \
+    "all blocks at once take 32 a warp in turns, whatever their number; 0: by the image and the number of "         \
+    "triangles",                                                                                                    \
     0, 0, 1024, kShares)
 
 // 256: kSearched of ways.cuh

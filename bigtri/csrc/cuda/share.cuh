@@ -377,9 +377,10 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     draw_tested(drawing, share.first + min_of(warp * share.apart, share.count), share.first + share.count,
                 &shared->search[warp], rest);
   } else {
-    const int place = warp * kWarp + lane_id(), log = sharing.log_neighbours;
+    const int place = warp * sharing.group + lane_id(), log = sharing.log_neighbours;
     const int64_t offset = (int64_t)(place >> log) * share.step + (place & ((1 << log) - 1));
-    drawing.draw(share.first + (int32_t)offset, __popc(__ballot_sync(kAllLanes, offset < share.count)), rest);
+    const bool have = lane_id() < sharing.group && offset < share.count;
+    drawing.draw(share.first + (int32_t)offset, __popc(__ballot_sync(kAllLanes, have)), rest);
   }
   if constexpr (kWay == Way::kEven)
     if (__syncthreads_or(shared->row_counts[warp])) draw_left(drawing.pixels, f.view.width, warp, shared);

@@ -17,8 +17,8 @@ enum class Way {
   kTogether,  // up to 32 triangles, drawn by all warps together, so that a large one does not hold up a warp
   kInTeams,  // the same triangles by several blocks, which draw a part of their rows each
   kInGroups,  // together, up to four groups, each set up by a warp
-  kEven,  // each warp draws 32 of its own, by boxes (small.cuh) where most are small; if some are large, it leaves a
-  // part of them to all warps of the block, which draw it at the end
+  kEven,  // each warp draws up to 32 of its own, by boxes (small.cuh) where most are small; if some are large, it leaves
+  // a part of them to all warps of the block, which draw it at the end
   kApart,  // the same, and none leaves any
   kTested,  // each warp tests many, and draws those that may show, 32 at a time
   kAllOrFew,  // the same of one view, whose triangles are so small that of a warp's few show, or nearly all where there
@@ -39,18 +39,18 @@ BIGTRI_HD constexpr int block_threads(Way way) { return block_warps(way) * kWarp
 BIGTRI_HD constexpr int blocks_held(Way way) { return 32 / block_warps(way); }
 
 constexpr int kSearched = 8 * kWarp;  // triangles of a warp that tests them
-// Triangles of a block, which say what way it goes: up to kWarp together, up to the first number in groups. Four groups of
-// 32 would be as many as kOfApart.
+// Triangles of a block, which say what way it goes: up to kWarp together, up to the first number in groups, and each way
+// beyond up to the next. Four groups of 32 would be as many as kOfApart.
 constexpr int kMostInGroups = most_groups(Way::kInGroups) * (kWarp - 1), kOfEven = block_threads(Way::kEven),
               kOfApart = block_threads(Way::kApart), kOfTested = block_warps(Way::kTested) * kSearched;
-constexpr int64_t kShares[] = {0,         2,         4,        8,       16,      kWarp,
-                               2 * kWarp, 3 * kWarp, kMostInGroups, kOfApart, kOfEven, kOfTested, -1};
+constexpr int64_t kShares[] = {0,        2,         4,       8,         16, kWarp, 2 * kWarp, 3 * kWarp, kMostInGroups,
+                               kOfApart, 6 * kWarp, kOfEven, kOfTested, -1};
 static_assert(kMostInGroups < kOfApart, "or they would go the same way");
 constexpr Way way_of(int64_t each) {
   return each <= kWarp           ? Way::kTogether
          : each <= kMostInGroups ? Way::kInGroups
-         : each == kOfEven       ? Way::kEven
-         : each == kOfApart      ? Way::kApart
+         : each <= kOfApart      ? Way::kApart
+         : each <= kOfEven       ? Way::kEven
                                  : Way::kTested;
 }
 
@@ -73,7 +73,7 @@ struct LastTurns {
 struct Sharing {
   Way way;
   int each;  // triangles of a block, if not in turns
-  int groups, group;  // of a block, and triangles of each but the last: what a warp sets up at once
+  int groups, group;  // of a block, and triangles of each but the last: what a warp sets up at once, if it tests none
   int log_team;  // in teams: log2 of how many blocks one has
   int own_pixels;  // even: of the bboxes of those that a warp draws by rows alone; it leaves what comes after
   int log_neighbours;  // even and apart: log2 of how many of them lie next to each other in the list
@@ -90,7 +90,7 @@ constexpr double kLeastPixels = 0.4, kTinyPixels = 0.8, kSmallPixels = 16, kMidd
 inline double pixels_each(const Frame& f) {
   return (double)pixels_of_all(f) / (double)max_of<int64_t>(triangles_of_all(f), 1);
 }
-// Times that kEven's blocks fill the device, from which on it does not matter what each of them has to do.
+// Times that kEven's largest blocks fill the device, from which on it does not matter what each of them has to do.
 constexpr int64_t kTurns = 4;
 constexpr int kLeastTogether = 4;  // triangles of a block that draws them together
 constexpr int64_t kSmallImage = 1 << 19, kHugeImage = 1 << 22;  // px
@@ -117,41 +117,11 @@ inline int64_t most_teams(const Frame& f, int64_t each, int64_t team) {
   return (f.count + least - 1) / least * f.views;
 }
 
-// Triangles for each block that the device holds at once, up to which blocks draw theirs together: one turn; two if some may
-// be large, which a warp had better not draw alone.
-constexpr int64_t kMostTogether = kMostInGroups, kMostTogetherIfLarge = 192;
-
 // Whether most triangles cover no pixel, so that testing them first pays, if vertices are projected once.
 inline bool shows_few(const Frame& f, int64_t resident) {
   const double pixels = pixels_each(f);
   return pixels <= kTinyPixels &&
          triangles_of_all(f) > resident * kOfEven * (pixels <= kLeastPixels ? kTurns / 2 : kTurns);
-}
-
-// Triangles of a block such that there are blocks for a device that holds so many of kEven's warps at once. team: blocks of
-// a team. projected: whether there is memory for the vertices, which testing needs.
-inline int share_size(const Frame& f, int64_t resident, int team, bool projected) {
-  const int64_t total = triangles_of_all(f);
-  const double pixels = pixels_each(f);
-  if (projected && shows_few(f, resident)) return kOfTested;
-  if (total > resident * (pixels < kSmallPixels ? kMostTogether : kMostTogetherIfLarge)) {
-    // None is too large for a warp where all are tiny. Blocks that take many turns, and several views, even out what
-    // there is to do.
-    const bool even = f.views > 1 ? pixels >= kSmallPixels && total <= resident * kOfEven
-                                  : pixels > kTinyPixels && total <= resident * kOfEven * kTurns;
-    return even ? kOfEven : kOfApart;
-  }
-  const auto blocks = [&](int64_t each) {  // each view has its own
-    return f.ranges ? (total + each - 1) / each : (f.count + each - 1) / each * f.views * team;
-  };
-  // As few as make one turn, or as many turns as it takes.
-  const int most = team > 1 ? kWarp : kMostInGroups;
-  const int64_t turns = (total * team + resident * most - 1) / (resident * most);
-  int each = kLeastTogether;
-  while (each < most && blocks(each) > turns * resident) ++each;
-  if (f.ranges || f.count == 0) return each;
-  const int of_view = (f.count + each - 1) / each;  // the view's blocks get as many as each other
-  return (f.count + of_view - 1) / of_view;
 }
 
 // Log2 of how many of a block's triangles lie next to each other in the list, where warps have their own. Those in a row
@@ -164,6 +134,36 @@ inline int log_neighbours(const Frame& f, Way way, int64_t resident) {
   return way == Way::kEven && pixels_each(f) >= kMiddlePixels ? 0 : 1;
 }
 static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
+
+// Triangles of a block such that there are blocks for a device that holds so many of kEven's at once: as few as make one
+// turn. team: blocks of a team. projected: whether there is memory for the vertices, which testing needs.
+inline int share_size(const Frame& f, int64_t resident, int team, bool projected) {
+  const int64_t total = triangles_of_all(f);
+  const double pixels = pixels_each(f);
+  if (projected && shows_few(f, resident)) return kOfTested;
+  const auto as_few = [&](int least, int step, int most) {
+    const auto blocks = [&](int64_t each) {  // each view has its own
+      return f.ranges ? (total + each - 1) / each : (f.count + each - 1) / each * f.views * team;
+    };
+    int each = least;
+    while (each < most && blocks(each) > resident) each += step;
+    return each;
+  };
+  if (total > resident * kMostInGroups) {
+    // None is too large for a warp where all are tiny. Blocks that take many turns, and several views, even out what
+    // there is to do.
+    const bool even = f.views > 1 ? pixels >= kSmallPixels && total <= resident * kOfEven
+                                  : pixels > kTinyPixels && total <= resident * kOfEven * kTurns;
+    if (!even) return kOfApart;
+    team = 1;
+    const int step = max_of(block_warps(Way::kEven), 1 << log_neighbours(f, Way::kEven, resident));
+    return as_few(kOfApart + step, step, kOfEven);
+  }
+  const int each = as_few(kLeastTogether, 1, team > 1 ? kWarp : kMostInGroups);
+  if (f.ranges || f.count == 0) return each;
+  const int of_view = (f.count + each - 1) / each;  // the view's blocks get as many as each other
+  return (f.count + of_view - 1) / of_view;
+}
 
 // What is drawn by rows: nothing with a side above `widest` px; and none of those that cover more than kLarge pixels if such
 // ones have many on average. A row costs an atomic a pixel, and a block draws it alone. How many they have the blocks find
@@ -230,7 +230,8 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   while (s->way == Way::kTogether && 1 << s->log_team < team && alone * f.views << s->log_team <= INT32_MAX / 2)
     ++s->log_team;
   if (s->log_team > 0) s->way = Way::kInTeams;
-  s->groups = (s->each + kWarp - 1) / kWarp;
+  const bool alone_each = s->way == Way::kEven || s->way == Way::kApart;
+  s->groups = alone_each ? block_warps(s->way) : (s->each + kWarp - 1) / kWarp;
   s->group = (s->each + s->groups - 1) / s->groups;
   s->in_turns = s->way == Way::kTested && f.views == 1 && !ranges;
   if (s->in_turns && all_or_few(f)) s->way = Way::kAllOrFew;
