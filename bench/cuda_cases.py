@@ -200,7 +200,7 @@ SETTINGS = (
         for warps in (8, 16)
         for region in (4, 8, 16)
     ),
-    *(Way("bin_owned", f"share {share}", {"few": 0, "share": share}) for share in (2, 8, 96)),
+    *(Way("bin_owned", f"share {share}", {"few": 0, "share": share}) for share in (2, 8, 96, 124, 192)),
     *(Way("bin_owned", f"team {team}", {"few": 0, "team": team}) for team in (1, 4)),
     Way("bin_owned", "rows, 64 px", {"few": 0, "widest": 64}),
     Way("bin_owned", "rows, 256 px", {"few": 0, "widest": 256}),

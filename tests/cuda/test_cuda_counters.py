@@ -67,14 +67,14 @@ def test_work_is_the_reference_s(variant: str, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["many_small", "guard_band", "mixed"])
-@pytest.mark.parametrize("share", [32, 128, 256])
+@pytest.mark.parametrize("share", [32, 124, 128, 192])
 @pytest.mark.parametrize("variant", ["two_stage", "bin_owned"])
 def test_rows_are_counted(variant: str, share: int, name: str) -> None:
     """By blocks that draw their triangles together, and by others; of what waits beside rows, what bins and patches test."""
     rows = {"few": 0} if variant == "bin_owned" else {"rows": 1}
     found, case = counted(name, variant, {**rows, "share": share, "widest": 64}), case_of(Scene(name))
     every, _ = reference.setup(case.positions, case.triangles, *case.resolution)
-    counted_work.check_rows(variant, found, case, every, 64, share == 32, RECORD_BYTES)
+    counted_work.check_rows(variant, found, case, every, 64, share <= 124, RECORD_BYTES)
 
 
 @pytest.mark.parametrize("name", ["behind_camera", "guard_band", "slivers_across"])

@@ -678,6 +678,16 @@ def test_few_triangles_are_drawn_by_a_team() -> None:
         assert np.count_nonzero(found.blocks) == blocks, settings
 
 
+def test_even_shares_make_one_turn() -> None:
+    """Of this small device's two blocks each gets half, as long as that is up to 256."""
+    corners = np.arange(513)[:, None, None] % 8 * 5 + 5 + 10 * np.array(SHAPE)
+    case = from_pixels(corners, np.full((513, 3), 0.5), (50, 50))
+    each = counted(case._replace(triangles=case.triangles[:1]), "bin_owned", {"few": 0}).of["fragments"]
+    for count, shares in ((249, [125, 124]), (512, [256, 256]), (513, [172, 171, 170])):
+        found = counted(case._replace(triangles=case.triangles[:count]), "bin_owned", {"few": 0})
+        assert (found.blocks[found.blocks > 0] // each).tolist() == shares
+
+
 def test_large_triangles_of_views_and_parts_of_clipped_ones_wait() -> None:
     case = in_blocks((400, 400), 4, ((LARGE,) * 2,))  # 14,788 px of up to 15,200
     assert waiting(case, 4) == 0
