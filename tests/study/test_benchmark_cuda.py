@@ -458,7 +458,7 @@ def variant(name: str, **parameters: tuple[int, int]) -> native.Variant:
     only = {
         "warps": (0, 8, 16),
         "region": (0, 4, 8, 16),
-        "share": (0, 2, 4, 8, 16, 32, 64, 96, 128, 256, 1024),
+        "share": (0, 2, 4, 8, 16, 32, 64, 96, 124, 128, 192, 256, 1024),
         "team": (0, 1, 2, 4, 8),
     }
     known = {p: native.Parameter(p, "", "", low, low, high, only.get(p, ())) for p, (low, high) in parameters.items()}
@@ -489,7 +489,7 @@ def test_settings_are_those_of_the_registry(capsys: pytest.CaptureFixture[str]) 
     for text, message in (
         ("other:few=1", "variants are bin_owned, two_stage, persistent"),
         ("bin_owned:warps=5", "warps must be 0, 8, 16, got 5"),
-        ("bin_owned:share=63", "share must be 0, 2, 4, 8, 16, 32, 64, 96, 128, 256, 1024, got 63"),
+        ("bin_owned:share=63", "share must be 0, 2, 4, 8, 16, 32, 64, 96, 124, 128, 192, 256, 1024, got 63"),
         ("persistent:few=0", "parameters of persistent are none, got few"),
     ):
         assert cuda_cases.ways([cuda_cases.way(text)], TODAY) == []
