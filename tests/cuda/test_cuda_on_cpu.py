@@ -610,9 +610,9 @@ def in_blocks(resolution: tuple[int, int], each: int, blocks: tuple[tuple[int, .
     return from_pixels(xy.reshape(-1, 3, 2), rng.uniform(0.1, 0.9, (each * count, 3)), resolution)
 
 
-def waiting(case: Case, each: int, views: int = 1, **settings: int) -> int:
-    """How many triangles wait for blocks that own pixels, of those of equal views that are drawn `each` a block."""
-    one = job(case, "bin_owned", {"few": 0, "share": each, **settings})
+def counted_views(case: Case, views: int, settings: dict[str, int]) -> tuple[dict[str, int], NDArray[np.int64]]:
+    """What `bin_owned` counts of so many equal views, and pixels that blocks draw."""
+    one = job(case, "bin_owned", {"few": 0, **settings})
     packed, depth, dropped = (np.stack([of_one] * views) for of_one in (one.packed, one.depth, one.dropped))
     seen = case._replace(positions=np.stack([case.positions] * views))
     height, width = (-(-pixels // 64) * 64 for pixels in case.resolution)
@@ -620,7 +620,12 @@ def waiting(case: Case, each: int, views: int = 1, **settings: int) -> int:
     to = cuda_on_cpu.counted_work(found, fragments, blocks)
     drawn, _, _ = cuda_on_cpu.draw(counting_kernels(), Job(seen, packed, depth, dropped, one.variant, one.settings), to)
     assert np.array_equal(drawn, packed)
-    return int(found[list(native.COUNTERS).index("by_tiles")])
+    return dict(zip(native.COUNTERS, found.tolist(), strict=True)), blocks
+
+
+def waiting(case: Case, each: int, views: int = 1, **settings: int) -> int:
+    """How many triangles wait for blocks that own pixels, of those of equal views that are drawn `each` a block."""
+    return counted_views(case, views, {"share": each, **settings})[0]["by_tiles"]
 
 
 @pytest.mark.parametrize(
@@ -678,14 +683,25 @@ def test_few_triangles_are_drawn_by_a_team() -> None:
         assert np.count_nonzero(found.blocks) == blocks, settings
 
 
-def test_even_shares_make_one_turn() -> None:
-    """Of this small device's two blocks each gets half, as long as that is up to 256."""
+def test_shares_make_one_turn_or_two() -> None:
+    """Of this small device's two blocks each gets half, as long as that is up to 256; of views that have many pixels for each
+    triangle up to 124, twice."""
     corners = np.arange(513)[:, None, None] % 8 * 5 + 5 + 10 * np.array(SHAPE)
-    case = from_pixels(corners, np.full((513, 3), 0.5), (50, 50))
-    each = counted(case._replace(triangles=case.triangles[:1]), "bin_owned", {"few": 0}).of["fragments"]
-    for count, shares in ((249, [125, 124]), (512, [256, 256]), (513, [172, 171, 170])):
-        found = counted(case._replace(triangles=case.triangles[:count]), "bin_owned", {"few": 0})
-        assert (found.blocks[found.blocks > 0] // each).tolist() == shares
+    each = int(counted_views(from_pixels(corners[:1], np.full((1, 3), 0.5), (50, 50)), 1, {})[1].sum())
+    for resolution, views, count, shares in (
+        ((50, 50), 1, 248, [124, 124]),
+        ((50, 50), 1, 249, [125, 124]),
+        ((50, 50), 1, 512, [256, 256]),
+        ((50, 50), 1, 513, [172, 171, 170]),
+        ((200, 200), 1, 300, [150, 150]),
+        ((200, 200), 2, 150, [75, 75] * 2),
+        ((200, 200), 2, 248, [124, 124] * 2),
+        ((98, 97), 2, 150, [150] * 2),  # less than 64 px for each
+        ((98, 98), 2, 150, [75, 75] * 2),
+    ):
+        given = from_pixels(corners[:count], np.full((count, 3), 0.5), resolution)
+        _, blocks = counted_views(given, views, {})
+        assert (blocks[blocks > 0] // each).tolist() == shares, (resolution, views, count)
 
 
 def test_large_triangles_of_views_and_parts_of_clipped_ones_wait() -> None:

@@ -136,20 +136,22 @@ inline int log_neighbours(const Frame& f, Way way, int64_t resident) {
 static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 
 // Triangles of a block such that there are blocks for a device that holds so many of kEven's at once: as few as make one
-// turn. team: blocks of a team. projected: whether there is memory for the vertices, which testing needs.
+// turn, or two. team: blocks of a team. projected: whether there is memory for the vertices, which testing needs.
 inline int share_size(const Frame& f, int64_t resident, int team, bool projected) {
   const int64_t total = triangles_of_all(f);
   const double pixels = pixels_each(f);
   if (projected && shows_few(f, resident)) return kOfTested;
-  const auto as_few = [&](int least, int step, int most) {
+  const auto as_few = [&](int least, int step, int most, int64_t turns) {
     const auto blocks = [&](int64_t each) {  // each view has its own
       return f.ranges ? (total + each - 1) / each : (f.count + each - 1) / each * f.views * team;
     };
     int each = least;
-    while (each < most && blocks(each) > resident) each += step;
+    while (each < most && blocks(each) > turns * resident) each += step;
     return each;
   };
-  if (total > resident * kMostInGroups) {
+  // Where views have large triangles, two turns that are drawn together take less than one of more neighbours for each warp.
+  const int64_t turns = (total + resident * kMostInGroups - 1) / (resident * kMostInGroups);
+  if (turns > (f.views > 1 && pixels >= kMiddlePixels ? 2 : 1)) {
     // None is too large for a warp where all are tiny. Blocks that take many turns, and several views, even out what
     // there is to do.
     const bool even = f.views > 1 ? pixels >= kSmallPixels && total <= resident * kOfEven
@@ -157,9 +159,9 @@ inline int share_size(const Frame& f, int64_t resident, int team, bool projected
     if (!even) return kOfApart;
     team = 1;
     const int step = max_of(block_warps(Way::kEven), 1 << log_neighbours(f, Way::kEven, resident));
-    return as_few(kOfApart + step, step, kOfEven);
+    return as_few(kOfApart + step, step, kOfEven, 1);
   }
-  const int each = as_few(kLeastTogether, 1, team > 1 ? kWarp : kMostInGroups);
+  const int each = as_few(kLeastTogether, 1, team > 1 ? kWarp : kMostInGroups, max_of<int64_t>(turns, 1));
   if (f.ranges || f.count == 0) return each;
   const int of_view = (f.count + each - 1) / each;  // the view's blocks get as many as each other
   return (f.count + of_view - 1) / of_view;
