@@ -35,7 +35,8 @@ PATHS: dict[str, dict[str, int]] = {
     "none by rows": {"few": 0, "widest": 1},
     "in teams": {"few": 0, "share": 16, "team": 4},
     "in groups": {"few": 0, "share": 124},
-    "even": {"few": 0, "share": 192},
+    "even": {"few": 0, "share": 256},
+    "even, fewer": {"few": 0, "share": 192},
     "apart": {"few": 0, "share": 128},
     "tested": {"few": 0, "share": 1024},
     "entries 1": {"few": 65536, "entries": 1},
@@ -46,7 +47,19 @@ PATHS: dict[str, dict[str, int]] = {
     "16 warps, 16 px": {"few": 65536, "warps": 16, "region": 16},
     "one block": {"few": 65536, "blocks": 1},
 }
-QUICK = ("few", "16 warps, 16 px", "rows", "rows, queue 1", "in teams", "in groups", "even", "apart", "tested", "entries 1")
+QUICK = (
+    "few",
+    "16 warps, 16 px",
+    "rows",
+    "rows, queue 1",
+    "in teams",
+    "in groups",
+    "even",
+    "even, fewer",
+    "apart",
+    "tested",
+    "entries 1",
+)
 CULLS = ("none", "back")
 
 

@@ -696,8 +696,8 @@ def test_shares_make_one_turn_or_two() -> None:
         ((200, 200), 1, 300, [150, 150]),
         ((200, 200), 2, 150, [75, 75] * 2),
         ((200, 200), 2, 248, [124, 124] * 2),
-        ((98, 97), 2, 150, [150] * 2),  # less than 64 px for each
-        ((98, 98), 2, 150, [75, 75] * 2),
+        ((60, 59), 2, 150, [150] * 2),  # less than 24 px for each
+        ((60, 60), 2, 150, [75, 75] * 2),
     ):
         given = from_pixels(corners[:count], np.full((count, 3), 0.5), resolution)
         _, blocks = counted_views(given, views, {})

@@ -11,7 +11,7 @@ namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
 
-constexpr int kMostlySmall = 24;  // triangles of a warp's 32 within 8x8 px that make boxes worth while
+constexpr int kMostlySmall = 24;  // triangles of a warp within 8x8 px that make boxes worth while
 
 // A primitive that is left over where most are small, until these are drawn.
 struct Left {

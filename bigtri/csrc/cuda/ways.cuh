@@ -17,7 +17,7 @@ enum class Way {
   kTogether,  // up to 32 triangles, drawn by all warps together, so that a large one does not hold up a warp
   kInTeams,  // the same triangles by several blocks, which draw a part of their rows each
   kInGroups,  // together, up to four groups, each set up by a warp
-  kEven,  // each warp draws up to 32 of its own, by boxes (small.cuh) where most are small; if some are large, it leaves
+  kEven,  // each warp draws up to 32 of its own, by boxes (small.cuh) where many are small; if some are large, it leaves
   // a part of them to all warps of the block, which draw it at the end
   kApart,  // the same, and none leaves any
   kTested,  // each warp tests many, and draws those that may show, 32 at a time
@@ -94,6 +94,9 @@ constexpr double kLeastPixels = 0.4, kTinyPixels = 0.8, kSmallPixels = 16, kMidd
 inline double pixels_each(const Frame& f) {
   return (double)pixels_of_all(f) / (double)max_of<int64_t>(triangles_of_all(f), 1);
 }
+// Pixels of several views for each triangle, from which on two turns that blocks draw together take less than one of which
+// each warp draws neighbours by itself.
+constexpr double kPixelsOfTwoTurns = 24;
 // Times that kEven's largest blocks fill the device, from which on it does not matter what each of them has to do.
 constexpr int64_t kTurns = 4;
 constexpr int kLeastTogether = 4;  // triangles of a block that draws them together
@@ -132,7 +135,7 @@ inline bool shows_few(const Frame& f, int64_t resident) {
 // share vertices and are alike, in size and in whether they have to be clipped: they take less memory to read, and some
 // blocks have far more to do than others.
 inline int log_neighbours(const Frame& f, Way way, int64_t resident) {
-  // Many turns and many views even out by themselves: as many as the block has, or a warp of those that help each other.
+  // Many turns and many views even out by themselves: as many as a block of kApart has, or a warp of kEven may have.
   if (f.views > 1 || triangles_of_all(f) > resident * kOfEven * kTurns) return way == Way::kApart ? 7 : 5;
   // A quadrangle's two triangles are mostly neighbours. Where many are large, all of a block are better far apart.
   return way == Way::kEven && pixels_each(f) >= kMiddlePixels ? 0 : 1;
@@ -140,35 +143,39 @@ inline int log_neighbours(const Frame& f, Way way, int64_t resident) {
 static_assert(kOfApart == 1 << 7 && kWarp == 1 << 5, "as log_neighbours says");
 
 // Triangles of a block such that there are blocks for a device that holds so many of kEven's at once: as few as make one
-// turn, or two. team: blocks of a team. projected: whether there is memory for the vertices, which testing needs.
+// turn, or as many turns as it takes. team: blocks of a team. projected: whether there is memory for the vertices, which
+// testing needs.
 inline int share_size(const Frame& f, int64_t resident, int team, bool projected) {
   const int64_t total = triangles_of_all(f);
   const double pixels = pixels_each(f);
   if (projected && shows_few(f, resident)) return kOfTested;
-  const auto as_few = [&](int least, int step, int most, int64_t turns) {
-    const auto blocks = [&](int64_t each) {  // each view has its own
-      return f.ranges ? (total + each - 1) / each : (f.count + each - 1) / each * f.views * team;
+  const auto turns_of = [&](int64_t triangles, int most) {
+    return max_of<int64_t>(1, (triangles + resident * most - 1) / (resident * most));
+  };
+  const auto as_few = [&](int least, int step, int most, int blocks_of_team, int64_t turns) {
+    const int64_t room = turns * resident;
+    const auto blocks = [&](int64_t each) {  // each view has its own; of ranges, the last one is half full on average
+      return f.ranges ? total / each + f.views / 2 : (f.count + each - 1) / each * f.views * blocks_of_team;
     };
     int each = least;
-    while (each < most && blocks(each) > turns * resident) each += step;
-    return each;
+    while (each < most && (each * room < total * blocks_of_team || blocks(each) > room)) each += step;
+    if (f.ranges || f.count == 0) return each;
+    const int of_view = (f.count + each - 1) / each;  // the view's blocks get as many as each other
+    const int even = (f.count + of_view - 1) / of_view;
+    return max_of(least, (even + step - 1) / step * step);
   };
-  // Where views have large triangles, two turns that are drawn together take less than one of more neighbours for each warp.
-  const int64_t turns = (total + resident * kMostInGroups - 1) / (resident * kMostInGroups);
-  if (turns > (f.views > 1 && pixels >= kMiddlePixels ? 2 : 1)) {
+  const int64_t turns = turns_of(total, kMostInGroups);
+  if (turns > (f.views > 1 && pixels >= kPixelsOfTwoTurns ? 2 : 1)) {
     // None is too large for a warp where all are tiny. Blocks that take many turns, and several views, even out what
     // there is to do.
     const bool even = f.views > 1 ? pixels >= kSmallPixels && total <= resident * kOfEven
                                   : pixels > kTinyPixels && total <= resident * kOfEven * kTurns;
     if (!even) return kOfApart;
-    team = 1;
     const int step = max_of(block_warps(Way::kEven), 1 << log_neighbours(f, Way::kEven, resident));
-    return as_few(kOfApart + step, step, kOfEven, 1);
+    return as_few(kOfApart + step, step, kOfEven, 1, 1);
   }
-  const int each = as_few(kLeastTogether, 1, team > 1 ? kWarp : kMostInGroups, max_of<int64_t>(turns, 1));
-  if (f.ranges || f.count == 0) return each;
-  const int of_view = (f.count + each - 1) / each;  // the view's blocks get as many as each other
-  return (f.count + of_view - 1) / of_view;
+  const int most = team > 1 ? kWarp : kMostInGroups;
+  return as_few(kLeastTogether, 1, most, team, turns_of(total * team, most));
 }
 
 // What is drawn by rows: nothing with a side above `widest` px; and none of those that cover more than kLarge pixels if such
@@ -236,8 +243,8 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   while (s->way == Way::kTogether && 1 << s->log_team < team && alone * f.views << s->log_team <= INT32_MAX / 2)
     ++s->log_team;
   if (s->log_team > 0) s->way = Way::kInTeams;
-  const bool alone_each = s->way == Way::kEven || s->way == Way::kApart;
-  s->groups = alone_each ? block_warps(s->way) : (s->each + kWarp - 1) / kWarp;
+  const bool by_warps = s->way == Way::kEven || s->way == Way::kApart;
+  s->groups = by_warps ? block_warps(s->way) : (s->each + kWarp - 1) / kWarp;
   s->group = (s->each + s->groups - 1) / s->groups;
   s->in_turns = s->way == Way::kTested && f.views == 1 && !ranges;
   if (s->in_turns && all_or_few(f)) s->way = Way::kAllOrFew;
@@ -251,9 +258,9 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
     while (std::gcd(s->spread, s->blocks) > 1) ++s->spread;
   } else {
     s->blocks = (uint32_t)(alone << s->log_team);
-    s->fewest = alone > 0 ? (int)(f.count / alone) : 0;
-    s->with_more = alone > 0 ? (uint32_t)(f.count % alone) : 0;
   }
+  s->fewest = (int)(f.count / max_of<int64_t>(alone, 1));
+  s->with_more = (uint32_t)(f.count % max_of<int64_t>(alone, 1));
   s->ranges = ranges;
   *blocks = (int64_t)s->blocks * f.views;
   if (ranges) BIGTRI_CUDA(launch_ranges(f, s->each, ranges, blocks, stream));
