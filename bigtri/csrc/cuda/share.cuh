@@ -100,7 +100,7 @@ __device__ __forceinline__ void own_corners(const Frame& f, int64_t first, int32
   }
 }
 
-// Corners of a share that is drawn together, a thread each, where corners_of() has room for each group. As above.
+// The same of a share that is drawn together, a thread each, where corners_of() has room for each group.
 template <Way kWay>
 __device__ __forceinline__ void make_corners(const Frame& f, int64_t first_vertex, const Share& share, int group,
                                              ShareShared<kWay>* shared) {
