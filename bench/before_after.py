@@ -43,30 +43,29 @@ ROOT = Path(__file__).resolve().parents[1]
 SCENES = "R16k,S6-200k,R100k,R1M"
 # Draws what a line of its input names, and answers in ms. It asks little of its checkout, which may be an old one.
 WORKER = """
-import contextlib, functools, json, sys, numpy, torch
+import contextlib, functools, json, statistics, sys, numpy, torch
 from bigtri import native, rasterize
 from bigtri.study import clock
 device, threads = sys.argv[1], int(sys.argv[2])
 torch.set_num_threads(threads)
-mesh, replay = "", ("", None)
+mesh = frame = ""
 for line in sys.stdin:
     file, variant, width, height, parameters = json.loads(line)
     if file != mesh:
         mesh, arrays = file, numpy.load(file)
         given = [torch.from_numpy(arrays[name]).to(device) for name in ("positions", "triangles")]
-    if line != replay[0]:
-        out = torch.empty((height, width), dtype=torch.int64, device=device)
-        depth = torch.empty((height, width), device=device)
-        draw = functools.partial(rasterize, *given, (height, width), variant=variant, backend="native", out=out, depth_out=depth)
-        replay = line, draw
     with native.using_parameters(**parameters) if parameters else contextlib.nullcontext():
-        if device == "cpu":
-            ms = [clock.wall_ms(replay[1])]
+        if line != frame:
+            frame, size = line, (height, width)
+            out, depth = torch.empty(size, dtype=torch.int64, device=device), torch.empty(size, device=device)
+            draw = functools.partial(rasterize, *given, size, variant=variant, backend="native", out=out, depth_out=depth)
+            if device == "cuda":
+                draw = clock.captured(draw, 1).replay
+        if device == "cuda":
+            ms = [clock.device_ms(draw) for _ in range(6)][1:]
         else:
-            if replay[1] is draw:
-                replay = line, clock.captured(draw, 1).replay
-            ms = [clock.device_ms(replay[1]) for _ in range(6)][1:]
-    print(sorted(ms)[len(ms) // 2], flush=True)
+            ms = [clock.wall_ms(draw)]
+    print(statistics.median(ms), flush=True)
 """
 
 
@@ -191,14 +190,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("before", nargs="?", type=Path, help="the old checkout, built")
     parser.add_argument("--scenes", help=f"default {SCENES}, with --model the models")
     parser.add_argument("--model", type=Path, nargs="+", default=[], metavar="FILE", help="a scene of the file's name")
-    parser.add_argument(
-        "--setting",
-        type=cuda_cases.way,
-        action="append",
-        default=[],
-        metavar="VARIANT[:NAME=VALUE,...]",
-        help="a variant, and parameters of it; may be repeated; default every variant",
-    )
+    cuda_cases.add_setting(parser, "a variant, and parameters of it; may be repeated; default every variant")
     sizes = option_types.listed(option_types.size)
     parser.add_argument("--size", type=sizes, default="1080p", help="sizes separated by commas; default %(default)s")
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="default %(default)s")

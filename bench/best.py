@@ -255,14 +255,7 @@ def page(verdicts: Sequence[Verdict], rows: Sequence[Mapping[str, str]]) -> str:
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     cuda_cases.add_cases(parser)
-    parser.add_argument(
-        "--setting",
-        type=cuda_cases.way,
-        action="append",
-        default=[],
-        metavar="VARIANT:NAME=VALUE,...",
-        help="one more way; may be repeated",
-    )
+    cuda_cases.add_setting(parser, "one more way; may be repeated")
     parser.add_argument("--seconds", type=option_types.seconds, default=0.15, help="turns of each case (default 0.15)")
     parser.add_argument("--total", type=option_types.seconds, default=200, help="s for all (default 200)")
     parser.add_argument("--csv", metavar="FILE", type=option_types.csv_file, help="write the rows there")

@@ -250,6 +250,12 @@ def way(text: str) -> Way:
 # --- what commands share
 
 
+def add_setting(parser: argparse.ArgumentParser, what: str) -> None:
+    """Adds the option that names ways."""
+    value = "VARIANT[:NAME=VALUE,...]"
+    parser.add_argument("--setting", type=way, action="append", default=[], metavar=value, help=what)
+
+
 def batch(text: str) -> tuple[int, int, int]:
     """An argparse type: (views, height, width) from "64x256x256"."""
     try:
