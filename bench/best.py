@@ -8,6 +8,7 @@ takes more than 1.1 times as long as the best way, and more than 1 us longer. Of
 by chance: auto and all that are ahead by 10 % then take turns once more, four times as long, and only these second turns count.
 
     python bench/best.py --csv build/gpu/cuda_best.csv
+    python bench/best.py --unchosen 100 --total 300       # meshes, cameras, sizes and batches at random (unchosen.py)
     python bench/best.py --scenes R4k --batches none --setting two_stage:widest=64 --setting bin_owned:few=0,share=16
     python bench/best.py --device cpu --batches none --csv bench/results/best_cpu.csv
     python bench/best.py --device cpu --batches none --model duck.glb bunny.ply --csv bench/results/best_models_cpu.csv
@@ -33,6 +34,7 @@ import cuda_floor
 import markdown
 import numpy as np
 import torch
+import unchosen
 from cuda_cases import AUTO, Case, Way
 from cuda_clock import Call, Clock, Job, Machine, text_of
 
@@ -69,7 +71,7 @@ class Verdict(NamedTuple):
 
     def line(self) -> str:
         text = (
-            f"{self.job.scene:14} {self.job.size:>11} {text_of(self.memset):>7} {text_of(self.auto):>8} {text_of(self.best):>8} "
+            f"{self.job.scene:20} {self.job.size:>13} {text_of(self.memset):>7} {text_of(self.auto):>8} {text_of(self.best):>8} "
         )
         text += f"{self.ratio:6.3f} ({self.low:.3f} to {self.high:.3f})  {self.name}"
         if self.job.views > 1:
@@ -78,7 +80,7 @@ class Verdict(NamedTuple):
 
 
 HEADER = (
-    f"{'scene':14} {'size':>11} {MEMSET:>7} {'auto us':>8} {'best us':>8} {'auto/best (quartiles)':>23}  best of the fixed ways"
+    f"{'scene':20} {'size':>13} {MEMSET:>7} {'auto us':>8} {'best us':>8} {'auto/best (quartiles)':>23}  best of the fixed ways"
 )
 
 
@@ -255,6 +257,9 @@ def page(verdicts: Sequence[Verdict], rows: Sequence[Mapping[str, str]]) -> str:
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     cuda_cases.add_cases(parser)
+    parser.add_argument(
+        "--unchosen", type=option_types.whole(1), metavar="COUNT", help="so many cases at random of each seed, instead of scenes"
+    )
     cuda_cases.add_setting(parser, "one more way; may be repeated")
     parser.add_argument("--seconds", type=option_types.seconds, default=0.15, help="turns of each case (default 0.15)")
     parser.add_argument("--total", type=option_types.seconds, default=200, help="s for all (default 200)")
@@ -271,14 +276,17 @@ def main(argv: list[str] | None = None) -> int:
     if arguments.tuning:
         print(f"{bigtri.use_tuning(arguments.tuning)} classes of calls in {arguments.tuning}")
     maker = cuda_cases.maker_for(arguments)
-    jobs = cuda_cases.jobs(arguments, maker)
+    if arguments.unchosen:
+        cases = unchosen.made(arguments.unchosen, arguments.seeds, maker, end)
+    else:
+        cases = cuda_cases.made(cuda_cases.jobs(arguments, maker), maker, end)
     where = cuda_clock.machine(device.type)
     print(cuda_clock.headline(where))
     ways = all_ways(device.type, arguments.setting, tuned=arguments.tuning is not None)
     contest = Contest(cuda_clock.clock_for(device), cuda_cases.start_floor(device), where, ways, arguments.seconds)
 
     print(HEADER, flush=True)
-    for job, given in cuda_cases.made(jobs, maker, end):
+    for job, given in cases:
         before = len(contest.verdicts)
         try:
             contest.case(Case(job, given, device))

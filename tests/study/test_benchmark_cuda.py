@@ -33,8 +33,10 @@ if str(BENCH) not in sys.path:
 # What some variant on CUDA has as a parameter, where it is built or not.
 PARAMETERS = set(re.findall(r'\bX\((\w+), "', "".join(f.read_text() for f in sorted(CSRC.glob("cuda/*")))))
 
-MODULES = ("best", "cuda_cases", "cuda_clock", "cuda_floor", "cuda_run", "cuda_scaling", "gpu_tables", "sanitize")
-best, cuda_cases, cuda_clock, cuda_floor, cuda_run, cuda_scaling, gpu_tables, sanitize = map(importlib.import_module, MODULES)
+MODULES = ("best", "cuda_cases", "cuda_clock", "cuda_floor", "cuda_run", "cuda_scaling", "gpu_tables", "sanitize", "unchosen")
+best, cuda_cases, cuda_clock, cuda_floor, cuda_run, cuda_scaling, gpu_tables, sanitize, unchosen = map(
+    importlib.import_module, MODULES
+)
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 needs_compiler = pytest.mark.skipif(not (shutil.which("c++") or shutil.which("g++")), reason="no C++ compiler")
@@ -660,6 +662,58 @@ def test_best_on_the_cpu(tmp_path: Path, capsys: pytest.CaptureFixture[str], mon
     assert {(row["scene"], row["views"]) for row in rows} == {("R4k", "1"), ("R4k+R4k", "2")}
     assert {row["wrong_pixels"] for row in rows if row["variant"] != "memset"} == {"0"}
     assert "2 cases; 0 wrong pixels; 0 failures" in capsys.readouterr().out
+
+
+# --- cases that nobody chose
+
+
+def test_unchosen_cases_are_the_same_again_and_within_limits() -> None:
+    models = {"ball": meshes.body(12, 3)}
+    for number in range(24):
+        job, given = unchosen.case(number, 5, models)
+        again_job, again = unchosen.case(number, 5, models)
+        assert job == again_job
+        assert np.array_equal(given.positions, again.positions) and np.array_equal(given.triangles, again.triangles)
+        low, high = unchosen.SIDES
+        assert low <= min(job.width, job.height) and max(job.width, job.height) <= high
+        assert max(job.width, job.height) <= unchosen.LONGEST * min(job.width, job.height)
+        assert given.positions.shape[:-2] == ((job.views,) if job.views > 1 else ())
+        assert given.triangles.dtype == np.int32 and given.triangles.min() >= 0
+        assert given.triangles.max() < given.positions.shape[-2]
+        assert job.views == 1 or job.views * job.width * job.height <= unchosen.MOST_PIXELS
+        assert job.views == 1 or job.views * len(given.triangles) <= unchosen.MOST_TRIANGLES
+    assert not np.array_equal(unchosen.case(0, 5, models)[1].positions, unchosen.case(0, 6, models)[1].positions)
+
+
+def test_unchosen_cases_are_of_many_kinds() -> None:
+    jobs = [unchosen.case(number, 1, {})[0] for number in range(40)]
+    assert {"terrain", "room", "courtyard", "body"} <= {re.sub(r"[\d*]+", " ", job.scene).split()[0] for job in jobs}
+    assert any("*" in job.scene for job in jobs) and any("soup" in job.scene for job in jobs)
+    assert 0.1 < sum(job.views > 1 for job in jobs) / len(jobs) < 0.6
+
+
+def test_copies_and_soup_show_the_same_triangles() -> None:
+    body = meshes.body(8, 1)
+    many = unchosen.copies(body, 3, np.random.default_rng(0))
+    edges = np.diff(many.vertices[many.triangles], axis=1)  # those of each copy are the body's
+    assert np.allclose(edges, np.tile(np.diff(body.vertices[body.triangles], axis=1), (3, 1, 1)))
+    alone = unchosen.soup(body)
+    assert np.array_equal(alone.vertices[alone.triangles], body.vertices[body.triangles])
+    assert np.array_equal(np.sort(alone.triangles, axis=None), np.arange(len(alone.vertices)))
+
+
+def test_best_of_unchosen_cases(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cuda_floor, "FOLDER", tmp_path)
+    monkeypatch.setattr(unchosen, "SIDES", (16, 64))
+    monkeypatch.setattr(unchosen, "KINDS", ("copies", "soup"))
+    path = tmp_path / "best.csv"
+    assert best.main(["--device", "cpu", "--unchosen", "2", "--seeds", "3,4", "--seconds", "0", "--csv", str(path)]) == 0
+    assert {(row["scene"].split()[0], row["seed"]) for row in benchmark.read_csv(path)} == {
+        (number, seed) for number in "01" for seed in "34"
+    }
+    assert "4 cases; 0 wrong pixels; 0 failures" in capsys.readouterr().out
+    assert best.main(["--device", "cpu", "--unchosen", "2", "--total", "0.0001"]) == 1
+    assert "2 left out" in capsys.readouterr().out
 
 
 # --- scaling

@@ -1,68 +1,12 @@
 // What becomes of a block's share of the triangles: set-up, drawing by rows or boxes, and what is left to the caller.
 #pragma once
 
+#include "filed.cuh"
 #include "last_turns.cuh"
-#include "rows.cuh"
-#include "samples.cuh"
-#include "small.cuh"
-#include "ways.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
 namespace {
-
-constexpr int kMostlySmall = 24;  // triangles of a warp within 8x8 px that make boxes worth while
-
-// A primitive that is left over where most are small, until these are drawn.
-struct Left {
-  int32_t x[3], y[3];
-  float z[3];
-  int32_t x0, y0, x1, y1;
-  int32_t t;  // its triangle
-  int64_t area;
-
-  __device__ __forceinline__ void put(const Primitive& p, int32_t triangle) {
-    for (int k = 0; k < 3; ++k) {
-      x[k] = p.x[k];
-      y[k] = p.y[k];
-      z[k] = p.z[k];
-    }
-    x0 = p.x0, y0 = p.y0, x1 = p.x1, y1 = p.y1;
-    t = triangle;
-    area = p.area;
-  }
-  // All of it but the order of its vertices, which nothing here asks for.
-  __device__ __forceinline__ Primitive primitive() const {
-    Primitive p;
-    for (int k = 0; k < 3; ++k) {
-      p.x[k] = x[k];
-      p.y[k] = y[k];
-      p.z[k] = z[k];
-    }
-    p.x0 = x0, p.y0 = y0, p.x1 = x1, p.y1 = y1;
-    p.area = area;
-    return p;
-  }
-};
-
-// Shared memory of a warp.
-struct WarpShared {
-  union {
-    RowTriangle triangle[kWarp];  // what is drawn by rows, from the front; the records of the rest from the back
-    Vertex corners[3 * kWarp];
-    struct {
-      SmallShared small;
-      Left left[kWarp - kMostlySmall];
-    };
-    ClipScratch clip;
-  };
-  RowShared rows;
-  __device__ WarpShared() {}
-
-  __device__ __forceinline__ Record* records_end() { return reinterpret_cast<Record*>(triangle + kWarp); }
-};
-static_assert(sizeof(RowTriangle) >= sizeof(Record) && sizeof(RowTriangle) * kWarp % alignof(Record) == 0,
-              "a warp's triangles find room, whatever they are");
 
 // Shared memory of a block.
 template <Way kWay>
@@ -71,7 +15,8 @@ struct ShareShared {
 
   WarpShared warp[kWarps];
   Search search[tests(kWay) ? kWarps : 1];
-  unsigned clip[most_groups(kWay)];  // together: bit k of g: triangle k of group g has to be clipped
+  // Bit k of g: triangle k of group g, if together, or of warp g, if apart, has to be clipped.
+  unsigned clip[kWay == Way::kApart ? kWarps : most_groups(kWay)];
   int row_counts[kWarps];  // triangles drawn by rows: together of each group; even of each warp that leaves rows to all
   union {
     int next_row[kWarps];  // even: the first of these rows
@@ -120,69 +65,37 @@ __device__ __forceinline__ void make_corners(const Frame& f, int64_t first_verte
   }
 }
 
-// How many triangles are drawn by rows, and how many are not.
-struct Filed {
-  int rows, rest;
-};
+// Which triangle of a view is at that place of an even or apart share. It may be behind the last one.
+__device__ __forceinline__ int64_t triangle_at(const Sharing& sharing, const Share& share, int place) {
+  const int log = sharing.log_neighbours;
+  return share.first + (int64_t)(place >> log) * share.step + (place & ((1 << log) - 1));
+}
 
-// Puts the lanes' primitives in their places in shared memory; have: whether this lane has one; kSamples: whether large
-// ones are a sample. By all lanes; ends with a barrier of the warp.
-template <bool kSamples>
-__device__ __forceinline__ Filed file(const Frame& f, const Primitive& p, int64_t triangle, int32_t view, bool have,
-                                      const RowLimits& limits, const Team& team, WarpShared* s) {
-  bool by_rows = have && fits_rows(p, limits.widest);
-  int pixels = 0;  // that it covers, about; of what the screen cuts no more than its box has
-  if (by_rows) pixels = min_of((p.x1 - p.x0) * (p.y1 - p.y0), (int)(p.area / kSubpixel / kSubpixel / 2));
-  const bool large = pixels > kLarge;
-  if (kSamples && limits.samples && __any_sync(kAllLanes, large))
-    by_rows &= !(large_ones_wait(limits, team.log_size, large ? pixels : 0) && large);
-  const bool waits = have && !by_rows && team.own();
-  const unsigned rows = __ballot_sync(kAllLanes, by_rows), rest = __ballot_sync(kAllLanes, waits);
-  count_work(f, Counter::records, by_rows && team.first());  // the others set up the same
-  count_work(f, Counter::by_rows, by_rows && team.first());
-  if (by_rows) make_row_triangle(p, (uint32_t)triangle, &s->triangle[__popc(rows & lanes_below())]);
-  if (waits) {
-    Record* const r = s->records_end() - 1 - __popc(rest & lanes_below());
-    fill_record(p, triangle, r);
-    r->view = view;
+// Draws what the warps of an apart block have to clip: neighbours, which one warp may have many of. By all threads. Rarely
+// called, so that its registers and instructions cost the others nothing.
+template <Way kWay, class Rest>
+__device__ __noinline__ void draw_clipped(const Frame& f, const Sharing& sharing, Share share, const RowLimits& limits,
+                                          int warp, ShareShared<kWay>* shared, Rest rest) {
+  constexpr int kWarps = block_warps(kWay);
+  WarpShared* const s = &shared->warp[warp];
+  int before = 0;
+#pragma unroll 1
+  for (int owner = 0; owner < kWarps; ++owner) {
+    const unsigned all = shared->clip[owner];
+#pragma unroll 1
+    for (unsigned mine = clips_of<kWarps>(all, warp, 0, before); mine; mine &= mine - 1) {
+      const int64_t t = triangle_at(sharing, share, owner * sharing.group + __ffs(mine) - 1);
+      const Filed filed = clip_and_file<false>(f, share.view, (int32_t)t, limits, s);
+      if (filed.rows > 0)
+        draw_rows<false>(first_pixel(f, share.view), f.view.width, s->triangle, filed.rows, 0, kWarp, INT32_MAX,
+                         &s->rows);
+      if (filed.rest > 0) {
+        wait_for_previous();
+        rest(share.view, s->records_end() - filed.rest, filed.rest);
+      }
+    }
+    before += __popc(all);
   }
-  __syncwarp();
-  return {__popc(rows), __popc(rest)};
-}
-
-// Files the `count` primitives that were left over, too few for a sample. By all lanes. Rarely called, so that its registers
-// cost the small ones nothing.
-__device__ __noinline__ Filed file_left(const Frame& f, int32_t view, int count, const RowLimits& limits,
-                                        WarpShared* s) {
-  const bool have = lane_id() < count;
-  const Left& left = s->left[have ? lane_id() : 0];
-  const Primitive p = left.primitive();
-  const int32_t t = left.t;
-  __syncwarp();
-  return file<false>(f, p, f.first_triangle + t, view, have, limits, Team{}, s);
-}
-
-// Clips triangle t of a view and files the parts. By all lanes. Rarely called, so that its registers cost the others
-// nothing.
-template <bool kSamples>
-__device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_t t, const RowLimits& limits,
-                                            WarpShared* s) {
-  __syncwarp();
-  Primitive part;
-  const bool have = clip_part(f, view, t, &s->clip, &part);
-  __syncwarp();
-  return file<kSamples>(f, part, f.first_triangle + t, view, have, limits, Team{}, s);
-}
-
-// Those of the triangles in `all` that a warp clips where they are drawn together: they go round among the warps but for
-// those that have set up the groups, whose memory is in use. before: triangles of earlier groups, which have gone round.
-template <int kWarps>
-__device__ __forceinline__ unsigned clips_of(unsigned all, int warp, int groups, int before) {
-  unsigned mine = 0;
-  for (int turn = groups + before % (kWarps - groups); all;
-       turn = turn < kWarps - 1 ? turn + 1 : groups, all &= all - 1)
-    if (turn == warp) mine |= all & -all;
-  return mine;
 }
 
 // Draws the rows that the block's warps have left, 32 at a time by each warp in turn. By all threads. Rarely called, so
@@ -280,6 +193,10 @@ struct Drawing {
     }
     int group = 0, clip_group = 0, clipped = 0;
     if (kLeaves) shared->row_counts[warp] = 0;
+    if (kWay == Way::kApart) {  // draw_share() has them drawn
+      shared->clip[warp] = clip;
+      clip = 0;
+    }
     bool all_draw = kTogether;  // whether all warps draw a group's triangles, and not each its own
 #pragma unroll 1
     for (;;) {
@@ -377,11 +294,12 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     draw_tested(drawing, share.first + min_of(warp * share.apart, share.count), share.first + share.count,
                 &shared->search[warp], rest);
   } else {
-    const int place = warp * sharing.group + lane_id(), log = sharing.log_neighbours;
-    const int64_t offset = (int64_t)(place >> log) * share.step + (place & ((1 << log) - 1));
-    const bool have = lane_id() < sharing.group && offset < share.count;
-    drawing.draw(share.first + (int32_t)offset, __popc(__ballot_sync(kAllLanes, have)), rest);
+    const int64_t t = triangle_at(sharing, share, warp * sharing.group + lane_id());
+    const bool have = lane_id() < sharing.group && t < share.first + (int64_t)share.count;
+    drawing.draw((int32_t)t, __popc(__ballot_sync(kAllLanes, have)), rest);
   }
+  if constexpr (kWay == Way::kApart)
+    if (__syncthreads_or(shared->clip[warp])) draw_clipped(f, sharing, share, limits, warp, shared, rest);
   if constexpr (kWay == Way::kEven)
     if (__syncthreads_or(shared->row_counts[warp])) draw_left(drawing.pixels, f.view.width, warp, shared);
   wait_for_previous();

@@ -135,8 +135,11 @@ inline bool shows_few(const Frame& f, int64_t resident) {
 // share vertices and are alike, in size and in whether they have to be clipped: they take less memory to read, and some
 // blocks have far more to do than others.
 inline int log_neighbours(const Frame& f, Way way, int64_t resident) {
-  // Many turns and many views even out by themselves: as many as a block of kApart has, or a warp of kEven may have.
-  if (f.views > 1 || triangles_of_all(f) > resident * kOfEven * kTurns) return way == Way::kApart ? 7 : 5;
+  // What a camera close by sees of a mesh are neighbours, all of which one block would draw: in fours they take next to no longer
+  // to read than all of a block's in a row.
+  if (f.views > 1) return 2;
+  // Many turns even out by themselves: as many as a block of kApart has, or a warp of kEven may have.
+  if (triangles_of_all(f) > resident * kOfEven * kTurns) return way == Way::kApart ? 7 : 5;
   // A quadrangle's two triangles are mostly neighbours. Where many are large, all of a block are better far apart.
   return way == Way::kEven && pixels_each(f) >= kMiddlePixels ? 0 : 1;
 }
