@@ -15,7 +15,8 @@ from counting import on_grid, soup
 from numpy.typing import NDArray
 
 import bigtri
-from bigtri import native
+from bigtri import Camera, native, render
+from bigtri.study import courtyard
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the extension is not built")
 
@@ -193,6 +194,21 @@ def test_the_smallest_queues_hold_the_largest_images() -> None:
     expected = bigtri.rasterize(positions, triangles, (4096, 4096), depth=False).packed
     with native.using_parameters(records=1, candidates=1):
         assert np.array_equal(bigtri.rasterize(positions, triangles, (4096, 4096), depth=False).packed, expected)
+
+
+def test_views_that_see_nothing_among_others_and_the_smallest_queues() -> None:
+    """Of triangles behind the camera no record is expected, so such a view has no place in any batch."""
+    scene = courtyard.courtyard()
+    low, high = scene.positions.min(axis=0), scene.positions.max(axis=0)
+    middle, size = (low + high) / 2, high - low
+    away = Camera(middle + 2 * size, middle + 3 * size, near=0.1, far=100)
+    inside = Camera(middle, middle + (1, 0, 0.3), near=0.05, far=100)
+    cameras = [away, courtyard.camera(), away, away, inside, away]
+    expected, (_, buffers) = render(scene, cameras, (45, 70)), render(scene, cameras, (45, 70), return_buffers=True)
+    assert [bool((ids >= 0).any()) for ids in buffers.visibility.triangle] == [False, True, False, False, True, False]
+    for limits in ((1, 1), (300, 50), (5000, 10**6), (40_000, 300)):
+        with native.using_parameters(records=limits[0], candidates=limits[1]):
+            assert np.array_equal(render(scene, cameras, (45, 70)), expected), limits
 
 
 # --- Memory ------------------------------------------------------------------------------------------------------------------

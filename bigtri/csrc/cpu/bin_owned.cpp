@@ -33,7 +33,7 @@ static_assert(kMaxChunk * kMaxSubTriangles <= kStandardRecords, "a chunk fits a 
 constexpr Parameter kParameters[] = {
     // An entry has 30 bits for its record's slot (kEntryShift).
     {"records", "slots",
-     "slots for (sub)triangles set up at once, 100 bytes each; a triangle outside a clip plane reserves 26",
+     "slots for (sub)triangles set up at once, 100 bytes each; a triangle that is clipped reserves 26",
      kStandardRecords, 1, int64_t{1} << 30},
     // list_begin is uint32.
     {"candidates", "bins", "bins that the records of a pass touch by their bounding boxes, 12 bytes each",
@@ -104,13 +104,15 @@ struct Batch {
   }
 };
 
-// Upper bound on the records of triangles [begin, end): one of a triangle that is not clipped, else kMaxSubTriangles.
+// Upper bound on the records of triangles [begin, end): none of a triangle beyond the screen or behind the camera, which in a
+// room half of them are; kMaxSubTriangles of one that is clipped.
 int64_t slots_needed(const SetupJob& job, int64_t begin, int64_t end) {
   int64_t n = 0;
   for (int64_t t = begin; t < end; ++t) {
-    uint32_t flags = 0;
-    for (int k = 0; k < 3; ++k) flags |= vertex_of(job, job.frame.triangles[3 * t + k]).flags;
-    n += flags & kOutsideMask ? kMaxSubTriangles : 1;
+    const int32_t* index = job.frame.triangles + 3 * t;
+    const Fate fate =
+        fate_of(vertex_of(job, index[0]).flags, vertex_of(job, index[1]).flags, vertex_of(job, index[2]).flags);
+    n += fate == Fate::kClip ? kMaxSubTriangles : fate == Fate::kWhole;
   }
   return n;
 }
