@@ -59,8 +59,8 @@ struct Job {
   }
 };
 
-// How often a worker looks for the next job before it sleeps: some tens of microseconds, since a frame is several jobs
-// in a row.
+// How often a worker looks for the next job before it sleeps, and the caller whether the last worker has left: some tens of
+// microseconds, since a frame is several jobs in a row, and a thread that sleeps takes as long to wake.
 constexpr int kSpins = 2000;
 
 inline void relax() {
@@ -75,7 +75,7 @@ struct ThreadPool::State {
   std::mutex mutex;
   std::condition_variable job_posted, worker_left;
   std::atomic<Job*> job{nullptr};  // written under the mutex
-  int active = 0;  // workers inside the job; under the mutex
+  std::atomic<int> active{0};  // workers inside the job; written under the mutex
   int workers = 0;  // threads started; under the mutex
 
   void worker() {
@@ -114,6 +114,10 @@ struct ThreadPool::State {
   void withdraw() {
     std::unique_lock<std::mutex> lock(mutex);
     job.store(nullptr);  // a worker that wakes from here on does not join
+    if (active == 0) return;
+    lock.unlock();
+    for (int i = 0; i < kSpins && active.load(std::memory_order_relaxed) > 0; ++i) relax();
+    lock.lock();
     worker_left.wait(lock, [&] { return active == 0; });
   }
 };
