@@ -203,10 +203,10 @@ def test_views_that_see_nothing_among_others_and_the_smallest_queues() -> None:
     middle, size = (low + high) / 2, high - low
     away = Camera(middle + 2 * size, middle + 3 * size, near=0.1, far=100)
     inside = Camera(middle, middle + (1, 0, 0.3), near=0.05, far=100)
-    cameras = [away, courtyard.camera(), away, away, inside, away]
+    cameras = [away, courtyard.camera(), away, inside, away]
     expected, (_, buffers) = render(scene, cameras, (45, 70)), render(scene, cameras, (45, 70), return_buffers=True)
-    assert [bool((ids >= 0).any()) for ids in buffers.visibility.triangle] == [False, True, False, False, True, False]
-    for limits in ((1, 1), (300, 50), (5000, 10**6), (40_000, 300)):
+    assert [bool((ids >= 0).any()) for ids in buffers.visibility.triangle] == [False, True, False, True, False]
+    for limits in ((1, 1), (5000, 10**6), (40_000, 300)):
         with native.using_parameters(records=limits[0], candidates=limits[1]):
             assert np.array_equal(render(scene, cameras, (45, 70)), expected), limits
 
