@@ -56,6 +56,7 @@ def some_body(rng: Generator, seed: int, models: dict[str, Mesh], most: float) -
 
 
 def some_mesh(rng: Generator, kind: str, seed: int, models: dict[str, Mesh]) -> tuple[str, Mesh]:
+    """A mesh of one of KINDS, and a name for it."""
     if kind == "terrain":
         side = int(between(rng, 10, 700))
         return f"terrain{side}", meshes.terrain(side, seed)
@@ -74,6 +75,7 @@ def some_mesh(rng: Generator, kind: str, seed: int, models: dict[str, Mesh]) -> 
 
 
 def some_camera(rng: Generator, kind: str, mesh: Mesh, aspect: float) -> Camera:
+    """From anywhere within what is seen from within, else on a sphere around it; aspect: width / height."""
     low, high = mesh.bounds()
     size, radius = high - low, float(np.linalg.norm(high - low)) / 2
     within = kind == "room" or (kind in ("terrain", "courtyard") and rng.random() < 0.7)
