@@ -65,6 +65,12 @@ struct WarpShared {
 static_assert(sizeof(RowTriangle) >= sizeof(Record) && sizeof(RowTriangle) * kWarp % alignof(Record) == 0,
               "a warp's triangles find room, whatever they are");
 
+// Triangles of a group, or of a warp, that have to be clipped.
+struct Clips {
+  int count;
+  int32_t triangle[kWarp];  // of the view
+};
+
 // How many triangles are drawn by rows, and how many are not.
 struct Filed {
   int rows, rest;
@@ -119,14 +125,21 @@ __device__ __noinline__ Filed clip_and_file(const Frame& f, int32_t view, int32_
   return file<kSamples>(f, part, f.first_triangle + t, view, have, limits, Team{}, s);
 }
 
-// Those of the triangles in `all` that a warp clips for its block: they go round among the warps but for the first ones, `busy`,
-// which have set up what is drawn together, and whose memory is in use. before: triangles that have gone round already.
-template <int kWarps>
-__device__ __forceinline__ unsigned clips_of(unsigned all, int warp, int busy, int before) {
-  unsigned mine = 0;
-  for (int turn = busy + before % (kWarps - busy); all; turn = turn < kWarps - 1 ? turn + 1 : busy, all &= all - 1)
-    if (turn == warp) mine |= all & -all;
-  return mine;
+// Clips and draws the first-th of the triangles in `clips`, and every `step`-th from there. By all lanes. Rarely called, so that
+// its registers and instructions cost the others nothing.
+template <bool kSamples, class Rest>
+__device__ __noinline__ void draw_clipped(const Frame& f, int32_t view, const Clips* clips, int first, int step,
+                                          const RowLimits& limits, WarpShared* s, Rest rest) {
+#pragma unroll 1
+  for (; first < clips->count; first += step) {
+    const Filed filed = clip_and_file<kSamples>(f, view, clips->triangle[first], limits, s);
+    if (filed.rows > 0)
+      draw_rows<false>(first_pixel(f, view), f.view.width, s->triangle, filed.rows, 0, kWarp, INT32_MAX, &s->rows);
+    if (filed.rest > 0) {
+      wait_for_previous();
+      rest(view, s->records_end() - filed.rest, filed.rest);
+    }
+  }
 }
 
 }  // namespace

@@ -66,7 +66,7 @@ using RowStart = std::conditional_t<kPairDepth, FloatPair, DepthNumber>;
 
 // Shared memory of a warp that draws rows: of 32 rows those that have pixels, one after the other.
 struct RowShared {
-  int32_t begin[kWarp];  // of each triangle, its first row
+  uint16_t begin[kWarp];  // of each triangle, its first row: below 32 * 2^11
   Row row[kWarp];
   int32_t shift[kWarp];  // from the number of a pixel in the sequence to its column, counted from the pixel `at`
 };
@@ -300,7 +300,7 @@ __device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const Row
     if (over) total = left = __shfl_sync(kAllLanes, begin, __ffs(over) - 1);
   }
   __syncwarp();
-  if (have) s->begin[lane] = begin;
+  if (have) s->begin[lane] = (uint16_t)begin;
   __syncwarp();
 #pragma unroll 1
   for (; first < total; first += step) {

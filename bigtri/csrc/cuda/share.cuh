@@ -15,8 +15,7 @@ struct ShareShared {
 
   WarpShared warp[kWarps];
   Search search[tests(kWay) ? kWarps : 1];
-  // Bit k of g: triangle k of group g, if together, or of warp g, if apart, has to be clipped.
-  unsigned clip[kWay == Way::kApart ? kWarps : most_groups(kWay)];
+  Clips clips[together(kWay) ? most_groups(kWay) : kWarps];
   int row_counts[kWarps];  // triangles drawn by rows: together of each group; even of each warp that leaves rows to all
   union {
     int next_row[kWarps];  // even: the first of these rows
@@ -65,43 +64,10 @@ __device__ __forceinline__ void make_corners(const Frame& f, int64_t first_verte
   }
 }
 
-// Which triangle of a view is at that place of an even or apart share. It may be behind the last one.
-__device__ __forceinline__ int64_t triangle_at(const Sharing& sharing, const Share& share, int place) {
-  const int log = sharing.log_neighbours;
-  return share.first + (int64_t)(place >> log) * share.step + (place & ((1 << log) - 1));
-}
-
-// Draws what the warps of an apart block have to clip: neighbours, which one warp may have many of. By all threads. Rarely
-// called, so that its registers and instructions cost the others nothing.
-template <Way kWay, class Rest>
-__device__ __noinline__ void draw_clipped(const Frame& f, const Sharing& sharing, Share share, const RowLimits& limits,
-                                          int warp, ShareShared<kWay>* shared, Rest rest) {
-  constexpr int kWarps = block_warps(kWay);
-  WarpShared* const s = &shared->warp[warp];
-  int before = 0;
-#pragma unroll 1
-  for (int owner = 0; owner < kWarps; ++owner) {
-    const unsigned all = shared->clip[owner];
-#pragma unroll 1
-    for (unsigned mine = clips_of<kWarps>(all, warp, 0, before); mine; mine &= mine - 1) {
-      const int64_t t = triangle_at(sharing, share, owner * sharing.group + __ffs(mine) - 1);
-      const Filed filed = clip_and_file<false>(f, share.view, (int32_t)t, limits, s);
-      if (filed.rows > 0)
-        draw_rows<false>(first_pixel(f, share.view), f.view.width, s->triangle, filed.rows, 0, kWarp, INT32_MAX,
-                         &s->rows);
-      if (filed.rest > 0) {
-        wait_for_previous();
-        rest(share.view, s->records_end() - filed.rest, filed.rest);
-      }
-    }
-    before += __popc(all);
-  }
-}
-
 // Draws the rows that the block's warps have left, 32 at a time by each warp in turn. By all threads. Rarely called, so
 // that its registers cost the others nothing.
 template <Way kWay>
-__device__ __noinline__ void draw_left(FramePixel pixels, int width, int warp, ShareShared<kWay>* shared) {
+__device__ __noinline__ void draw_left_rows(FramePixel pixels, int width, int warp, ShareShared<kWay>* shared) {
   constexpr int kWarps = block_warps(kWay);
 #pragma unroll 1
   for (int owner = 0; owner < kWarps; ++owner) {
@@ -137,103 +103,138 @@ struct Drawing {
   // The group that the warp sets up, if any. With one group it is warp 0's, which takes no register.
   __device__ __forceinline__ int own_group() const { return kGroups > 1 ? warp : 0; }
 
-  // Sets up triangle t of each lane below `count`, and draws them, with those of the other groups where they are drawn
-  // together; what is not drawn by rows goes to `rest`. Returns how many of them have a pixel centre in their boxes, or have
-  // to be clipped. By all lanes, or all threads of a block that draws together.
+  struct Made {
+    Filed filed;
+    int clips, shown;
+  };
+
+  // Sets up triangle t of each lane below `count`. Files them, or draws them by boxes where most are small; lists what has to be
+  // clipped. Says how many of them have to be clipped, and how many of all have a pixel centre in their boxes, as far as is
+  // known. By all lanes.
+  __device__ __forceinline__ Made set_up(int32_t t, int count, Clips* clips) const {
+    WarpShared* const s = &shared->warp[warp];
+    Fate fate = Fate::kNothing;
+    Primitive p;
+    // A variable of a loop that is not set on every path stays alive from one round to the next, so that it spills.
+    if (tests(kWay)) p = {};
+    if (lane_id() < count) {
+      Vertex v[3];
+      if (kTogether)
+        for (int k = 0; k < 3; ++k) v[k] = shared->corners_of(own_group())[3 * lane_id() + k];
+      else if (tests(kWay) || own_projected)
+        projected_corners(f, own_projected, t, v);
+      else
+        own_corners(f, first_vertex, t, v);
+      fate = assemble(f, v, &p);
+      if constexpr (kUnsnapped)
+        if (fate == Fate::kWhole) load_places(f, first_vertex, t, &p);
+    }
+    const bool clipped = fate == Fate::kClip && team().own(), have = fate == Fate::kWhole;
+    const unsigned clip = __ballot_sync(kAllLanes, clipped), dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
+    if (clipped) clips->triangle[__popc(clip & lanes_below())] = t;
+    if (dropped && team().first()) count_dropped(f, share.view, dropped);
+    const int shown = __popc(clip | __ballot_sync(kAllLanes, have));
+    Filed filed = {0, 0};
+    const bool small = !kTogether && have && is_small(p);
+    if (!kTogether && __popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
+      const unsigned left = __ballot_sync(kAllLanes, have && !small);
+      if (have && !small) s->left[__popc(left & lanes_below())].put(p, t);
+      count_work(f, Counter::records, small);
+      count_work(f, Counter::by_rows, small);
+      draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
+      if (left) filed = file_left(f, share.view, __popc(left), limits, s);
+    } else if (__any_sync(kAllLanes, have)) {
+      filed = file<kSamples>(f, p, f.first_triangle + t, share.view, have, limits, team(), s);
+    }
+    return {filed, __popc(clip), shown};
+  }
+
+  // The triangle that is clipped as the n-th of the block, or -1. Together.
+  __device__ __forceinline__ int32_t clipped_at(int n) const {
+#pragma unroll 1
+    for (int group = 0; group < (kGroups > 1 ? sharing.groups : 1); ++group) {
+      const Clips& clips = shared->clips[group];
+      if (n < clips.count) return clips.triangle[n];
+      n -= clips.count;
+    }
+    return -1;
+  }
+
+  // Together: sets up triangle t of each lane below `count` if the warp has a group, and draws the triangles of all groups with
+  // the block's other warps; what is not drawn by rows goes to `rest`. By all threads.
   template <class Rest>
-  __device__ __forceinline__ int draw(int32_t t, int count, const Rest& rest) const {
+  __device__ __forceinline__ void draw_together(int32_t t, int count, const Rest& rest) const {
     WarpShared* const s = &shared->warp[warp];
     const int groups = kGroups > 1 ? sharing.groups : 1;
     Filed filed = {0, 0};
-    unsigned clip = 0, shown = 0;
-    if (!kTogether || (kGroups > 1 ? count > 0 : warp == 0)) {
-      Fate fate = Fate::kNothing;
-      Primitive p;
-      // A variable of a loop that is not set on every path stays alive from one round to the next, so that it spills.
-      if (tests(kWay)) p = {};
-      if (lane_id() < count) {
-        Vertex v[3];
-        if (kTogether)
-          for (int k = 0; k < 3; ++k) v[k] = shared->corners_of(own_group())[3 * lane_id() + k];
-        else if (tests(kWay) || own_projected)
-          projected_corners(f, own_projected, t, v);
-        else
-          own_corners(f, first_vertex, t, v);
-        fate = assemble(f, v, &p);
-        if constexpr (kUnsnapped)
-          if (fate == Fate::kWhole) load_places(f, first_vertex, t, &p);
-      }
-      clip = __ballot_sync(kAllLanes, fate == Fate::kClip);
-      const unsigned dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
-      if (dropped && team().first()) count_dropped(f, share.view, dropped);
-      const bool have = fate == Fate::kWhole;
-      shown = clip | __ballot_sync(kAllLanes, have);
-      const bool small = !kTogether && have && is_small(p);
-      if (!kTogether && __popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
-        const unsigned left = __ballot_sync(kAllLanes, have && !small);
-        if (have && !small) s->left[__popc(left & lanes_below())].put(p, t);
-        count_work(f, Counter::records, small);
-        count_work(f, Counter::by_rows, small);
-        draw_small(pixels, f.view.width, p, (uint32_t)(f.first_triangle + t), small, &s->small);
-        if (left) filed = file_left(f, share.view, __popc(left), limits, s);
-      } else if (__any_sync(kAllLanes, have)) {
-        filed = file<kSamples>(f, p, f.first_triangle + t, share.view, have, limits, team(), s);
-      }
-      if (kWay == Way::kInTeams) clip &= __ballot_sync(kAllLanes, team().own());
+    int clips = 0;
+    if (kGroups > 1 ? count > 0 : warp == 0) {
+      const Made made = set_up(t, count, &shared->clips[own_group()]);
+      filed = made.filed;
+      clips = made.clips;
     }
-    if (kTogether) {
-      const int rows = kGroups > 1 ? warp_sum(lane_id() < filed.rows ? rows_of(s->triangle[lane_id()]) : 0) : 0;
-      if (threadIdx.x < kGroups * kWarp && threadIdx.x % kWarp == 0) {
-        shared->row_counts[own_group()] = filed.rows;
-        if (kGroups > 1) shared->group_rows[own_group()] = rows;
-        shared->clip[own_group()] = clip;
-      }
-      __syncthreads();
-      clip = clips_of<kWarps>(shared->clip[0], warp, groups, 0);
+    const int rows = kGroups > 1 ? warp_sum(lane_id() < filed.rows ? rows_of(s->triangle[lane_id()]) : 0) : 0;
+    if (threadIdx.x < kGroups * kWarp && threadIdx.x % kWarp == 0) {
+      shared->row_counts[own_group()] = filed.rows;
+      if (kGroups > 1) shared->group_rows[own_group()] = rows;
+      shared->clips[own_group()].count = clips;
     }
-    int group = 0, clip_group = 0, clipped = 0;
-    if (kLeaves) shared->row_counts[warp] = 0;
-    if (kWay == Way::kApart) {  // draw_share() has them drawn
-      shared->clip[warp] = clip;
-      clip = 0;
-    }
-    bool all_draw = kTogether;  // whether all warps draw a group's triangles, and not each its own
+    __syncthreads();
+    // What has to be clipped goes round among the warps that have set up no group, whose memory is not in use.
+    int group = 0, next_clipped = warp >= groups ? warp - groups : INT32_MAX;
+    bool whole = true;  // whether it is a group's triangles, all warps', and not parts of one that the warp has clipped
 #pragma unroll 1
     for (;;) {
-      const int count = all_draw ? shared->row_counts[group] : filed.rows;
+      const int count = whole ? shared->row_counts[group] : filed.rows;
       const int turn = kGroups > 1 ? (warp + 3 * group) % kWarps : warp;  // another one begins with each
       // In groups, most warps have none of a group's rows, and would take 1,000 cycles to find that out.
-      if (kGroups > 1 && all_draw ? turn * kWarp < shared->group_rows[group] : count > 0) {
-        const int next = draw_rows<kLeaves>(pixels, f.view.width, shared->warp[all_draw ? group : warp].triangle, count,
-                                            all_draw ? ((turn << team().log_size) + team().member) * kWarp : 0,
-                                            all_draw ? kWarps * kWarp << team().log_size : kWarp,
-                                            clip ? INT32_MAX : sharing.own_pixels, &s->rows);
-        if (kLeaves && next >= 0) {
-          shared->row_counts[warp] = count;
-          shared->next_row[warp] = next;
-        }
-      }
-      if (kGroups > 1 && all_draw && ++group < groups) continue;
+      if (kGroups > 1 && whole ? turn * kWarp < shared->group_rows[group] : count > 0)
+        draw_rows<false>(pixels, f.view.width, shared->warp[whole ? group : warp].triangle, count,
+                         whole ? ((turn << team().log_size) + team().member) * kWarp : 0,
+                         whole ? kWarps * kWarp << team().log_size : kWarp, INT32_MAX, &s->rows);
+      if (kGroups > 1 && whole && ++group < groups) continue;
       if (filed.rest > 0) {
         wait_for_previous();
         rest(share.view, s->records_end() - filed.rest, filed.rest);
       }
-      if (kGroups > 1)
-        while (!clip && ++clip_group < groups) {
-          clipped += __popc(shared->clip[clip_group - 1]);
-          clip = clips_of<kWarps>(shared->clip[clip_group], warp, groups, clipped);
-        }
-      if (!clip) break;
-      const int number = __ffs(clip) - 1;
-      filed = clip_and_file<kSamples>(f, share.view,
-                                      kTogether ? share.first + (clip_group * sharing.group + number) * share.step
-                                                : __shfl_sync(kAllLanes, t, number),
-                                      limits, s);
-      clip &= clip - 1;
-      all_draw = false;
+      const int32_t clipped = clipped_at(next_clipped);
+      if (clipped < 0) break;
+      filed = clip_and_file<kSamples>(f, share.view, clipped, limits, s);
+      next_clipped += kWarps - groups;
+      whole = false;
+    }
+  }
+
+  // The other ways: sets up triangle t of each lane below `count`, and draws all but what has to be clipped; even, it leaves rows
+  // to the block if there are too many. Returns how many of them have a pixel centre in their boxes, or have to be clipped. By all
+  // lanes.
+  template <class Rest>
+  __device__ __forceinline__ int draw_own(int32_t t, int count, const Rest& rest) const {
+    WarpShared* const s = &shared->warp[warp];
+    const Made made = set_up(t, count, &shared->clips[warp]);
+    shared->clips[warp].count = made.clips;
+    if (kLeaves) shared->row_counts[warp] = 0;
+    if (made.filed.rows > 0) {
+      // Where it clips too, which takes the memory of these, it draws them all.
+      const int next = draw_rows<kLeaves>(pixels, f.view.width, s->triangle, made.filed.rows, 0, kWarp,
+                                          made.clips > 0 ? INT32_MAX : sharing.own_pixels, &s->rows);
+      if (kLeaves && next >= 0) {
+        shared->row_counts[warp] = made.filed.rows;
+        shared->next_row[warp] = next;
+      }
+    }
+    if (made.filed.rest > 0) {
+      wait_for_previous();
+      rest(share.view, s->records_end() - made.filed.rest, made.filed.rest);
     }
     __syncwarp();
-    return __popc(shown);
+    return made.shown;
+  }
+
+  // Draws of what warp `owner` has to clip what falls to this one, if it goes round among so many. By all lanes.
+  template <class Rest>
+  __device__ __forceinline__ void draw_clipped_of(int owner, int first, int warps, const Rest& rest) const {
+    draw_clipped<kSamples>(f, share.view, &shared->clips[owner], first, warps, limits, &shared->warp[warp], rest);
   }
 };
 
@@ -252,20 +253,47 @@ __device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_
   }
   search->begin(begin, true);
   const auto stop = [&] { return kWay == Way::kAllOrFew ? reread(search->until) : end; };
+  const int& clips = drawing.shared->clips[drawing.warp].count;
+  bool more;
 #pragma unroll 1
   do {
-    const int32_t until = stop();
-    if (kWay == Way::kTested || reread(search->test) || reread(search->next) >= until) {
-      const int count = find_waiting(drawing.f, drawing.own_projected, step, until, search);
-      drawing.draw(search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))], count, rest);
-    } else {
-      const int32_t next = reread(search->next), count = min_of(kWarp, until - next);
-      const int shown = drawing.draw(next + min_of(lane_id(), count - 1), count, rest);
-      if (lane_id() == 0) next_turn(drawing.sharing, shown, search);
+    do {
+      const int32_t until = stop(), next = reread(search->next);
+      const bool tested = kWay == Way::kTested || reread(search->test) || next >= until;
+      int count = min_of(kWarp, until - next);
+      int32_t t = next + min_of(lane_id(), count - 1);
+      if (tested) {
+        count = find_waiting(drawing.f, drawing.own_projected, step, until, search);
+        t = search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))];
+      }
+      const int shown = drawing.draw_own(t, count, rest);
+      if (!tested && lane_id() == 0) next_turn(drawing.sharing, shown, search);
       __syncwarp();
+      more = search->goes_on(stop()) ||
+             (kWay == Way::kAllOrFew && goes_on_with_others(drawing.f, drawing.sharing, search));
+    } while (more && reread(clips) == 0);
+    if (reread(clips) > 0)
+      drawing.draw_clipped_of(drawing.warp, 0, 1, rest);  // outside of the loop, whose registers it would take
+  } while (more);
+}
+
+// Even and apart: draws what the warps have left. By all threads, which have drawn their own.
+template <Way kWay, class Rest>
+__device__ __forceinline__ void draw_left(const Drawing<kWay>& drawing, const Rest& rest) {
+  constexpr int kWarps = block_warps(kWay);
+  ShareShared<kWay>* const shared = drawing.shared;
+  const int warp = drawing.warp;
+  if (kWay == Way::kEven) {  // what it clips a warp draws before rows are left to it, while others draw their own
+    if (shared->clips[warp].count > 0) drawing.draw_clipped_of(warp, 0, 1, rest);
+    if (__syncthreads_or(shared->row_counts[warp])) draw_left_rows(drawing.pixels, drawing.f.view.width, warp, shared);
+  } else if (__syncthreads_or(shared->clips[warp].count)) {  // neighbours, of which one warp may have many
+    int before = 0;
+#pragma unroll 1
+    for (int owner = 0; owner < kWarps; ++owner) {
+      drawing.draw_clipped_of(owner, (warp + kWarps - before % kWarps) % kWarps, kWarps, rest);
+      before += shared->clips[owner].count;
     }
-  } while (search->goes_on(stop()) ||
-           (kWay == Way::kAllOrFew && goes_on_with_others(drawing.f, drawing.sharing, search)));
+  }
 }
 
 // Sets up a block's share and draws what fits by rows. What is left goes to rest(view, records, their number), which
@@ -289,19 +317,17 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     const int first = drawing.own_group() * sharing.group;
     int count = min_of(sharing.group, share.count - first);
     if (most_groups(kWay) == 1) count = warp == 0 ? share.count : 0;
-    drawing.draw(share.first + (first + lane_id()) * share.step, count, rest);
+    drawing.draw_together(share.first + (first + lane_id()) * share.step, count, rest);
   } else if constexpr (tests(kWay)) {
     draw_tested(drawing, share.first + min_of(warp * share.apart, share.count), share.first + share.count,
                 &shared->search[warp], rest);
   } else {
-    const int64_t t = triangle_at(sharing, share, warp * sharing.group + lane_id());
-    const bool have = lane_id() < sharing.group && t < share.first + (int64_t)share.count;
-    drawing.draw((int32_t)t, __popc(__ballot_sync(kAllLanes, have)), rest);
+    const int place = warp * sharing.group + lane_id(), log = sharing.log_neighbours;
+    const int64_t offset = (int64_t)(place >> log) * share.step + (place & ((1 << log) - 1));
+    const bool have = lane_id() < sharing.group && offset < share.count;
+    drawing.draw_own(share.first + (int32_t)offset, __popc(__ballot_sync(kAllLanes, have)), rest);
+    draw_left(drawing, rest);
   }
-  if constexpr (kWay == Way::kApart)
-    if (__syncthreads_or(shared->clip[warp])) draw_clipped(f, sharing, share, limits, warp, shared, rest);
-  if constexpr (kWay == Way::kEven)
-    if (__syncthreads_or(shared->row_counts[warp])) draw_left(drawing.pixels, f.view.width, warp, shared);
   wait_for_previous();
 }
 
