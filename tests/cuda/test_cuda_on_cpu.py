@@ -685,7 +685,7 @@ def test_few_triangles_are_drawn_by_a_team() -> None:
 
 def test_shares_make_one_turn_or_two() -> None:
     """Of this small device's two blocks each gets half, as long as that is up to 256; of views that have many pixels for each
-    triangle up to 124, twice."""
+    triangle up to 124, twice; of such that have more, in more turns."""
     corners = np.arange(513)[:, None, None] % 8 * 5 + 5 + 10 * np.array(SHAPE)
     each = int(counted_views(from_pixels(corners[:1], np.full((1, 3), 0.5), (50, 50)), 1, {})[1].sum())
     for resolution, views, count, shares in (
@@ -694,8 +694,9 @@ def test_shares_make_one_turn_or_two() -> None:
         ((50, 50), 1, 512, [256, 256]),
         ((50, 50), 1, 513, [172, 171, 170]),
         ((200, 200), 1, 300, [150, 150]),
-        ((200, 200), 2, 150, [75, 75] * 2),
-        ((200, 200), 2, 248, [124, 124] * 2),
+        ((100, 100), 2, 150, [75, 75] * 2),
+        ((100, 100), 2, 248, [124, 124] * 2),
+        ((200, 200), 2, 150, [22] * 3 + [21] * 4 + [22] * 3 + [21] * 4),  # 267 px for each, of 6,144 a block
         ((60, 59), 2, 150, [150] * 2),  # less than 24 px for each
         ((60, 60), 2, 150, [75, 75] * 2),
     ):

@@ -97,6 +97,10 @@ inline double pixels_each(const Frame& f) {
 // Pixels of several views for each triangle, from which on two turns that blocks draw together take less than one of which
 // each warp draws neighbours by itself.
 constexpr double kPixelsOfTwoTurns = 24;
+// Pixels of several views for a block that draws its triangles together. Of some views a camera may stand close by, and see few
+// that are large: blocks of fewer, in several turns, even that out.
+constexpr double kPixelsOfBlock = 6 << 10;
+constexpr int kLeastOfViews = 24;  // triangles of such a block: below that, views that are seen whole take longer
 // Times that kEven's largest blocks fill the device, from which on it does not matter what each of them has to do.
 constexpr int64_t kTurns = 4;
 constexpr int kLeastTogether = 4;  // triangles of a block that draws them together
@@ -177,7 +181,8 @@ inline int share_size(const Frame& f, int64_t resident, int team, bool projected
     const int step = max_of(block_warps(Way::kEven), 1 << log_neighbours(f, Way::kEven, resident));
     return as_few(kOfApart + step, step, kOfEven, 1, 1);
   }
-  const int most = team > 1 ? kWarp : kMostInGroups;
+  int most = team > 1 ? kWarp : kMostInGroups;
+  if (f.views > 1) most = max_of(kLeastOfViews, (int)min_of<double>(most, kPixelsOfBlock / pixels));
   return as_few(kLeastTogether, 1, most, team, turns_of(total * team, most));
 }
 
