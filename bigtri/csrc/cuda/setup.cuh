@@ -13,9 +13,17 @@ namespace {
 constexpr unsigned kAllLanes = 0xffffffffu;
 constexpr int kWarp = 32;
 
-__device__ __forceinline__ int lane_id() { return threadIdx.x & (kWarp - 1); }
+__device__ __forceinline__ int lane_id() {
+  int lane;
+  asm("mov.u32 %0, %%laneid;" : "=r"(lane));
+  return lane;
+}
 __device__ __forceinline__ int this_warp() { return (int)(threadIdx.x / kWarp); }
-__device__ __forceinline__ unsigned lanes_below() { return (1u << lane_id()) - 1; }
+__device__ __forceinline__ unsigned lanes_below() {
+  unsigned lanes;
+  asm("mov.u32 %0, %%lanemask_lt;" : "=r"(lanes));
+  return lanes;
+}
 
 // The same number, which the compiler can compute nothing from before this place: what would wait in a register, or out
 // of one, while a region is drawn.
