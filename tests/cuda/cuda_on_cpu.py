@@ -47,8 +47,8 @@ CHANGES = (
     (r"extern __shared__ __align__\(16\) char memory\[\];", "char* memory = dynamic_shared;"),
     (r"__shared__ ", "static "),
     (r'asm volatile\("mov\.u32 %0, %%tid\.x;".*', "i = threadIdx.x;"),
-    # Of a block's four warps two are in late places of a multiprocessor, one of them in the last, and two in early ones.
-    (r'asm volatile\("mov\.u32 %0, %%warpid;".*', "place = 4 * (const int[]){7, 5, 0, 0}[threadIdx.x / 32 % 4];"),
+    (r'asm\("mov\.u32 %0, %%laneid;".*', "lane = threadIdx.x % 32;"),
+    (r'asm\("mov\.u32 %0, %%lanemask_lt;".*', "lanes = (1u << threadIdx.x % 32) - 1;"),
     (r'asm volatile\("st\.global\.cs\.v2.*', "if ((uintptr_t)to & 15) abort(); to[0] = a; to[1] = b;"),
     (r'asm\("rcp\.approx\.ftz\.f32.*', "inverse = 1.0f / v;"),
     (r'asm\("rcp\.approx\.ftz\.f64.*', "r = 1.0 / v * (1.0 + 1.0 / (1 << 18));"),

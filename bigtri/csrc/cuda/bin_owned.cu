@@ -198,7 +198,7 @@ struct Rows {
 
 // Waiting::words.
 int64_t more_words(const Frame& f, const Values& v) {
-  return max_of(all_or_few(f) ? LastTurns::words(LastTurns::kMost) : 0, most_teams(f, v.share, v.team));
+  return max_of<int64_t>(may_show_all(f) ? sizeof(Sample) / sizeof(uint32_t) : 0, most_teams(f, v.share, v.team));
 }
 
 Rows take_rows(Scratch* scratch, const Frame& f, const Values& v) {
@@ -283,17 +283,12 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   const Way way = r.sharing.way;
   if (together(way)) r.projected = nullptr;  // blocks project corners while the image is cleared
   const bool teams = way == Way::kInTeams;
-  int64_t zeros = teams ? blocks >> r.sharing.log_team : 0;  // words: teams' decisions, or last turns
-  if (way == Way::kAllOrFew) {
-    const int64_t in_turn = (int64_t)r.sharing.blocks * block_threads(way);
-    const int64_t room = min_of<int64_t>(LastTurns::kMost, in_turn / kWarp);
-    uint32_t* const words = r.waiting.words;
-    r.sharing.last_turns = {words, words + 1, words + LastTurns::words(0), (uint32_t)room,
-                            (int)max_of<int64_t>(1, f.count / in_turn / LastTurns::kPieces)};
-    zeros = LastTurns::words(room);
-  }
+  int64_t zeros = teams ? blocks >> r.sharing.log_team : 0;  // words: teams' decisions, or what is claimed
+  Sample* const sample = r.sharing.in_turns && may_show_all(f) ? reinterpret_cast<Sample*>(r.waiting.words) : nullptr;
+  r.sharing.sample = sample;
+  if (sample) zeros = 1;  // Sample::claimed
   if (zeros > more_words(f, v)) return cudaErrorInvalidValue;  // or they would lie in the lists
-  BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream));
+  BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream, sample ? &sample->shown : nullptr));
   r.limits = {widest_rows(f, way, v.widest), most_large(f, teams, of_sample(r.sharing)),
               most_large(f, teams, r.sharing.group) / 2, v.widest > 0 ? nullptr : r.waiting.samples, r.waiting.words};
   BIGTRI_CUDA(with_way(way, [&](auto of) {

@@ -19,18 +19,40 @@ constexpr int kProjectVertices = kVerticesEach * kClearThreads;  // of a block
 constexpr int kClearBlocks = 2;
 constexpr int64_t kPixelsPerProjected = 64;
 
-__global__ void __launch_bounds__(kClearThreads, 4) clear_frame(const __grid_constant__ Frame f, Vertex* projected,
-                                                                unsigned clearing_blocks, Zeros zeros, Zeros marks) {
+// How many of kSampled triangles, evenly spread over the list of the only view, may cover a pixel centre. By all threads.
+__device__ __forceinline__ int count_shown(const Frame& f) {
+  static_assert(kSampled == kClearThreads, "one for each thread");
+  int32_t index[3];
+  bool may = load_indices(f, (int32_t)((int64_t)f.count * threadIdx.x / kSampled), index);
+  if (may) {
+    Vertex v[3];
+    for (int k = 0; k < 3; ++k) v[k] = load_and_project(f, index[k]);
+    may = may_show(f.view, v);
+  }
+  return __syncthreads_count(may);
+}
+
+// kSamples: whether the first block has only the triangles of a sample that show to count, into *shown.
+template <bool kSamples>
+__global__ void __launch_bounds__(kClearThreads, 4)
+    clear_frame(const __grid_constant__ Frame f, Vertex* projected, unsigned clearing_blocks, Zeros zeros, Zeros marks,
+                uint32_t* shown) {
   if (zeros.early && blockIdx.x == 0 && threadIdx.x == 0) *zeros.early = 0;
   let_next_begin();
-  if (blockIdx.x >= clearing_blocks) {
+  if (kSamples && blockIdx.x == 0) {
+    const int count = count_shown(f);
+    if (threadIdx.x == 0) *shown = (uint32_t)count;
+    return;
+  }
+  const unsigned block = blockIdx.x - (kSamples ? 1 : 0);
+  if (block >= clearing_blocks) {
     const int64_t vertices = f.view_stride ? f.views * f.vertices : f.vertices;
-    project_vertices<kVerticesEach>(f, (int64_t)(blockIdx.x - clearing_blocks) * kProjectVertices + threadIdx.x,
+    project_vertices<kVerticesEach>(f, (int64_t)(block - clearing_blocks) * kProjectVertices + threadIdx.x,
                                     kClearThreads, vertices,
                                     [&](const Vertex& v, int64_t i) { store_vertex(v, projected + i); });
     return;
   }
-  const int64_t thread = (int64_t)blockIdx.x * kClearThreads + threadIdx.x,
+  const int64_t thread = (int64_t)block * kClearThreads + threadIdx.x,
                 threads = (int64_t)clearing_blocks * kClearThreads;
   zeros.set(thread, threads);
   marks.set(thread, threads);
@@ -171,7 +193,7 @@ Vertex* take_projected(Scratch* scratch, const Frame& f, bool wanted) {
   return scratch->take<Vertex>(vertices);
 }
 
-cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, cudaStream_t stream) {
+cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, cudaStream_t stream, uint32_t* shown) {
   int processors;
   BIGTRI_CUDA(multiprocessors(&processors));
   const int64_t pixels = pixels_of_all(f), vertices = f.view_stride ? f.views * f.vertices : f.vertices;
@@ -181,8 +203,9 @@ cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, 
   const int64_t clearing = max_of<int64_t>(
                     1, min_of<int64_t>((each + kClearThreads - 1) / kClearThreads, (int64_t)kClearBlocks * processors)),
                 projecting = projected ? (vertices + kProjectVertices - 1) / kProjectVertices : 0;
-  BIGTRI_CUDA(launch_first(clear_frame, projecting + clearing, kClearThreads, 0, stream, f, projected,
-                           (unsigned)clearing, zeros, marks));
+  const int64_t sampling = shown ? 1 : 0;
+  BIGTRI_CUDA(launch_first(shown ? clear_frame<true> : clear_frame<false>, sampling + projecting + clearing,
+                           kClearThreads, 0, stream, f, projected, (unsigned)clearing, zeros, marks, shown));
   if (!f.areas) return cudaSuccess;
   const int64_t items = (int64_t)f.views * f.count;
   if (items > 0)

@@ -18,7 +18,7 @@ struct Waiting {
   uint32_t room;  // of either
   // How many records have been put into each bin's list, or were to be; in front of bin 0 the other counts.
   uint32_t* sizes;
-  uint32_t* words;  // what else is zero at first: of last turns, or teams' decisions
+  uint32_t* words;  // of teams' decisions, zero at first, or of a sample
   uint64_t* samples;  // RowLimits::samples
   uint32_t* slots;  // of the records in the lists, `list_room` of each bin
   ViewBox* common_boxes;  // of the records that all look at

@@ -12,6 +12,7 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int kMostlyShown = 24;  // triangles of 32 that may show and make testing further ones a waste
+constexpr uint32_t kMostShown = kSampled * 3 / 4;  // of a sample, the same
 
 // Adds triangles to a view's number of those dropped. By all lanes. Rarely called.
 __device__ __noinline__ void count_dropped(const Frame& f, int32_t view, unsigned dropped) {
@@ -26,10 +27,6 @@ struct Search {
   int32_t next;  // the first triangle not looked at
   int32_t waiting;  // how many wait in the list
   bool test;  // whether to test, or to take all, because most of those tested may show
-  // All or few, as in last_turns.cuh:
-  int streak;  // turns in a row that were drawn untested, and of which most showed
-  int32_t until;  // the triangle before which to stop
-  uint32_t gave;  // 1 + the number of the last piece that was given, or 0
   int32_t list[2 * kWarp];
 
   // tests: whether it is worth while to test any. By all lanes.
@@ -59,15 +56,6 @@ __device__ __forceinline__ void projected_corners(const Frame& f, const Vertex* 
     const int4 p = reinterpret_cast<const int4*>(projected)[index[k]];
     v[k] = {p.x, p.y, __int_as_float(p.z), (uint32_t)p.w};
   }
-}
-
-// Whether a triangle may cover a pixel centre, at a fraction of what set-up costs: most triangles of a mesh that is far
-// away do not. Never false of one that does, or that is to be clipped or dropped.
-__device__ __forceinline__ bool may_show(const Viewport& view, const Vertex v[3]) {
-  if ((v[0].flags | v[1].flags | v[2].flags) & ~kScreenMask) return true;
-  const int32_t x[3] = {v[0].x, v[1].x, v[2].x}, y[3] = {v[0].y, v[1].y, v[2].y};
-  const PixelBox box = pixel_box(x, y, view);
-  return box.x0 < box.x1 && box.y0 < box.y1;
 }
 
 // Tests triangles, 32 at a time, which begin `step` from each other, until 32 wait that may show or `end` is reached.

@@ -39,13 +39,6 @@ __device__ __forceinline__ T* kept(T* p) {
   return p;
 }
 
-// Where the warp is among the places for warps that its multiprocessor has. A hint: it may be moved.
-__device__ __forceinline__ int place_of_warp() {
-  int place;
-  asm volatile("mov.u32 %0, %%warpid;" : "=r"(place));
-  return place;
-}
-
 // A value in memory, read again instead of kept in a register.
 template <class T>
 __device__ __forceinline__ T reread(const T& v) {
@@ -172,6 +165,15 @@ __device__ __forceinline__ void load_places(const Frame& f, int64_t first_vertex
   for (int k = 0; k < 3; ++k) load_vertex(f, first_vertex + pick(index, p->order[k]), v[k]);
   const int32_t in_order[3] = {0, 1, 2};
   set_places(v, f.view, in_order, p);
+}
+
+// Whether a triangle may cover a pixel centre, at a fraction of what set-up costs: most triangles of a mesh that is far
+// away do not. Never false of one that does, or that is to be clipped or dropped.
+__device__ __forceinline__ bool may_show(const Viewport& view, const Vertex v[3]) {
+  if ((v[0].flags | v[1].flags | v[2].flags) & ~kScreenMask) return true;
+  const int32_t x[3] = {v[0].x, v[1].x, v[2].x}, y[3] = {v[0].y, v[1].y, v[2].y};
+  const PixelBox box = pixel_box(x, y, view);
+  return box.x0 < box.x1 && box.y0 < box.y1;
 }
 
 // The corners of all triangles, by `threads` threads: where triangles are few, three threads for one take a third of

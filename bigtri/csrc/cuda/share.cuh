@@ -2,7 +2,7 @@
 #pragma once
 
 #include "filed.cuh"
-#include "last_turns.cuh"
+#include "primitives.cuh"
 
 namespace bigtri {
 inline namespace BIGTRI_NAMESPACE {
@@ -16,6 +16,7 @@ struct ShareShared {
   WarpShared warp[kWarps];
   Search search[tests(kWay) ? kWarps : 1];
   Clips clips[together(kWay) ? most_groups(kWay) : kWarps];
+  uint32_t claimed[2];  // tested: what the block draws next, if all are drawn
   int row_counts[kWarps];  // triangles drawn by rows: together of each group; even of each warp that leaves rows to all
   union {
     int next_row[kWarps];  // even: the first of these rows
@@ -105,12 +106,11 @@ struct Drawing {
 
   struct Made {
     Filed filed;
-    int clips, shown;
+    int clips;
   };
 
   // Sets up triangle t of each lane below `count`. Files them, or draws them by boxes where most are small; lists what has to be
-  // clipped. Says how many of them have to be clipped, and how many of all have a pixel centre in their boxes, as far as is
-  // known. By all lanes.
+  // clipped, and says how many. By all lanes.
   __device__ __forceinline__ Made set_up(int32_t t, int count, Clips* clips) const {
     WarpShared* const s = &shared->warp[warp];
     Fate fate = Fate::kNothing;
@@ -133,7 +133,6 @@ struct Drawing {
     const unsigned clip = __ballot_sync(kAllLanes, clipped), dropped = __ballot_sync(kAllLanes, fate == Fate::kDropped);
     if (clipped) clips->triangle[__popc(clip & lanes_below())] = t;
     if (dropped && team().first()) count_dropped(f, share.view, dropped);
-    const int shown = __popc(clip | __ballot_sync(kAllLanes, have));
     Filed filed = {0, 0};
     const bool small = !kTogether && have && is_small(p);
     if (!kTogether && __popc(__ballot_sync(kAllLanes, small)) >= kMostlySmall) {
@@ -146,7 +145,7 @@ struct Drawing {
     } else if (__any_sync(kAllLanes, have)) {
       filed = file<kSamples>(f, p, f.first_triangle + t, share.view, have, limits, team(), s);
     }
-    return {filed, __popc(clip), shown};
+    return {filed, __popc(clip)};
   }
 
   // The triangle that is clipped as the n-th of the block, or -1. Together.
@@ -206,10 +205,9 @@ struct Drawing {
   }
 
   // The other ways: sets up triangle t of each lane below `count`, and draws all but what has to be clipped; even, it leaves rows
-  // to the block if there are too many. Returns how many of them have a pixel centre in their boxes, or have to be clipped. By all
-  // lanes.
+  // to the block if there are too many. By all lanes.
   template <class Rest>
-  __device__ __forceinline__ int draw_own(int32_t t, int count, const Rest& rest) const {
+  __device__ __forceinline__ void draw_own(int32_t t, int count, const Rest& rest) const {
     WarpShared* const s = &shared->warp[warp];
     const Made made = set_up(t, count, &shared->clips[warp]);
     shared->clips[warp].count = made.clips;
@@ -228,7 +226,6 @@ struct Drawing {
       rest(share.view, s->records_end() - made.filed.rest, made.filed.rest);
     }
     __syncwarp();
-    return made.shown;
   }
 
   // Draws of what warp `owner` has to clip what falls to this one, if it goes round among so many. By all lanes.
@@ -237,45 +234,6 @@ struct Drawing {
     draw_clipped<kSamples>(f, share.view, &shared->clips[owner], first, warps, limits, &shared->warp[warp], rest);
   }
 };
-
-// Tested: draws the warp's triangles from `begin` on, up to `end`. All or few: where most of 32 show, it draws the next 32
-// as they are, with no list in between, until fewer do; and it may give its last ones away, or draw those of others, as in
-// last_turns.cuh. The host chooses that where few or nearly all show: warps of a multiprocessor that take turns between both
-// loops hold each other up. By all lanes.
-template <Way kWay, class Rest>
-__device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_t begin, int32_t end, Search* search,
-                                            const Rest& rest) {
-  const int32_t step = drawing.share.step;
-  if (kWay == Way::kAllOrFew && lane_id() == 0) {
-    search->streak = 0;
-    search->until = end;
-    search->gave = 0;
-  }
-  search->begin(begin, true);
-  const auto stop = [&] { return kWay == Way::kAllOrFew ? reread(search->until) : end; };
-  const int& clips = drawing.shared->clips[drawing.warp].count;
-  bool more;
-#pragma unroll 1
-  do {
-    do {
-      const int32_t until = stop(), next = reread(search->next);
-      const bool tested = kWay == Way::kTested || reread(search->test) || next >= until;
-      int count = min_of(kWarp, until - next);
-      int32_t t = next + min_of(lane_id(), count - 1);
-      if (tested) {
-        count = find_waiting(drawing.f, drawing.own_projected, step, until, search);
-        t = search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))];
-      }
-      const int shown = drawing.draw_own(t, count, rest);
-      if (!tested && lane_id() == 0) next_turn(drawing.sharing, shown, search);
-      __syncwarp();
-      more = search->goes_on(stop()) ||
-             (kWay == Way::kAllOrFew && goes_on_with_others(drawing.f, drawing.sharing, search));
-    } while (more && reread(clips) == 0);
-    if (reread(clips) > 0)
-      drawing.draw_clipped_of(drawing.warp, 0, 1, rest);  // outside of the loop, whose registers it would take
-  } while (more);
-}
 
 // Even and apart: draws what the warps have left. By all threads, which have drawn their own.
 template <Way kWay, class Rest>
@@ -293,6 +251,46 @@ __device__ __forceinline__ void draw_left(const Drawing<kWay>& drawing, const Re
       drawing.draw_clipped_of(owner, (warp + kWarps - before % kWarps) % kWarps, kWarps, rest);
       before += shared->clips[owner].count;
     }
+  }
+}
+
+// Tested: draws the warp's triangles from `begin` on, up to `end`. By all lanes.
+template <Way kWay, class Rest>
+__device__ __forceinline__ void draw_tested(const Drawing<kWay>& drawing, int32_t begin, int32_t end, Search* search,
+                                            const Rest& rest) {
+  search->begin(begin, true);
+  const int& clips = drawing.shared->clips[drawing.warp].count;
+  bool more;
+#pragma unroll 1
+  do {
+    do {
+      const int count = find_waiting(drawing.f, drawing.own_projected, drawing.share.step, end, search);
+      drawing.draw_own(search->list[search->waiting + min_of(lane_id(), max_of(count - 1, 0))], count, rest);
+      more = search->goes_on(end);
+    } while (more && reread(clips) == 0);
+    if (reread(clips) > 0)
+      drawing.draw_clipped_of(drawing.warp, 0, 1, rest);  // outside of the loop, whose registers it would take
+  } while (more);
+}
+
+// Tested, if nearly all triangles of the only view show: draws them untested, as many in a row as the block has threads, and
+// then as many again that it claims, for some blocks of a multiprocessor are slower than others. Warps that claimed each for
+// itself took longer. By all threads.
+template <Way kWay, class Rest>
+__device__ __forceinline__ void draw_all(const Drawing<kWay>& drawing, const Rest& rest) {
+  constexpr int kThreads = block_threads(kWay);
+  const Frame& f = drawing.f;
+  ShareShared<kWay>* const shared = drawing.shared;
+  const int warp = drawing.warp;
+  int64_t first = (int64_t)blockIdx.x * kThreads;
+#pragma unroll 1
+  for (int at = 0; first < f.count; at ^= 1) {  // two places, for a warp may read one while another has gone on
+    if (threadIdx.x == 0) shared->claimed[at] = atomicAdd(&drawing.sharing.sample->claimed, 1u);
+    const int32_t own = (int32_t)first + warp * kWarp;
+    drawing.draw_own(own + lane_id(), max_of(min_of(kWarp, f.count - own), 0), rest);
+    if (reread(shared->clips[warp].count) > 0) drawing.draw_clipped_of(warp, 0, 1, rest);
+    __syncthreads();
+    first = ((int64_t)reread(shared->claimed[at]) + gridDim.x) * kThreads;
   }
 }
 
@@ -319,6 +317,7 @@ __device__ __forceinline__ void draw_share(const Frame& f, const Sharing& sharin
     if (most_groups(kWay) == 1) count = warp == 0 ? share.count : 0;
     drawing.draw_together(share.first + (first + lane_id()) * share.step, count, rest);
   } else if constexpr (tests(kWay)) {
+    if (sharing.sample && sharing.sample->shown >= kMostShown) return draw_all(drawing, rest);
     draw_tested(drawing, share.first + min_of(warp * share.apart, share.count), share.first + share.count,
                 &shared->search[warp], rest);
   } else {

@@ -20,12 +20,11 @@ enum class Way {
   kEven,  // each warp draws up to 32 of its own, by boxes (small.cuh) where many are small; if some are large, it leaves
   // a part of them to all warps of the block, which draw it at the end
   kApart,  // the same, and none leaves any
-  kTested,  // each warp tests many, and draws those that may show, 32 at a time
-  kAllOrFew,  // the same of one view, whose triangles are so small that of a warp's few show, or nearly all where there
-  // are layers of them: these are drawn as they are, by a loop of their own
+  kTested,  // each warp tests many, and draws those that may show, 32 at a time; if a sample says that nearly all show, for
+  // there are layers of them, they are drawn as they are
 };
 
-BIGTRI_HD constexpr bool tests(Way way) { return way == Way::kTested || way == Way::kAllOrFew; }
+BIGTRI_HD constexpr bool tests(Way way) { return way == Way::kTested; }
 BIGTRI_HD constexpr bool together(Way way) {
   return way == Way::kTogether || way == Way::kInTeams || way == Way::kInGroups;
 }
@@ -56,18 +55,10 @@ constexpr Way way_of(int64_t each) {
 
 constexpr uint32_t kSpread = 35;  // the least Sharing::spread
 
-// All or few: what becomes of the last turns, in memory that is zero at first; see last_turns.cuh.
-struct LastTurns {
-  uint32_t* given;  // how many pieces were given, or were to be
-  uint32_t* taken;  // how many were asked for
-  uint32_t* pieces;  // of each the first triangle + 1, or one of those below; null: each warp draws all of its own
-  uint32_t room;  // for pieces
-  int turns;  // of a piece
-
-  static constexpr uint32_t kNone = 0, kClosed = ~0u;  // not given yet; asked for
-  static constexpr int64_t kPieces = 8;  // that a warp's turns would make
-  static constexpr int64_t kMost = 1 << 14;  // pieces: more than there are warps at once
-  static constexpr int64_t words(int64_t pieces) { return 2 + pieces; }
+// Tested, of one view: what a sample of the triangles says, which the first kernel draws.
+struct Sample {
+  uint32_t claimed;  // how many times 128 triangles, if all are drawn; zero at first
+  uint32_t shown;  // how many of kSampled may cover a pixel centre
 };
 
 struct Sharing {
@@ -84,7 +75,7 @@ struct Sharing {
   uint32_t with_more;
   bool in_turns;  // tested: all blocks, which the device holds at once, take triangles of the only view in turns
   uint32_t spread;  // in turns: how far from each other neighbouring blocks begin; prime to `blocks`
-  LastTurns last_turns;
+  Sample* sample;  // tested; null: too few to ask for
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
 
@@ -230,7 +221,8 @@ inline int of_sample(const Sharing& s) { return s.log_team > 0 ? max_of(kOfSampl
 // Sharing::own_pixels. Below that a warp is sooner done than the others can begin to help.
 inline int own_pixels(const Frame& f) { return (int64_t)f.view.width * f.view.height > kHugeImage ? 4096 : 2048; }
 
-inline bool all_or_few(const Frame& f) {
+// Whether nearly all may show although there are so many.
+inline bool may_show_all(const Frame& f) {
   // Where faces are culled, half of those that show are not drawn, and nearly all never are.
   return f.views == 1 && !f.ranges && pixels_each(f) <= kLeastPixels && f.view.cull == kCullNone;
 }
@@ -255,11 +247,10 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   s->groups = by_warps ? block_warps(s->way) : (s->each + kWarp - 1) / kWarp;
   s->group = (s->each + s->groups - 1) / s->groups;
   s->in_turns = s->way == Way::kTested && f.views == 1 && !ranges;
-  if (s->in_turns && all_or_few(f)) s->way = Way::kAllOrFew;
   s->log_neighbours = log_neighbours(f, s->way, resident);
   s->own_pixels = own_pixels(f);
   s->spread = kSpread;
-  s->last_turns = {};
+  s->sample = nullptr;
   if (s->in_turns) {  // places for kEven's blocks are as many warps for these
     const int64_t held = (int64_t)resident * block_warps(Way::kEven) / block_warps(Way::kTested);
     s->blocks = (uint32_t)min_of(held, grid_blocks(f.count, block_threads(Way::kTested)));
@@ -290,8 +281,7 @@ cudaError_t with_way(Way way, const Launch& launch) {
     case Way::kInGroups: return launch(WayOf<Way::kInGroups>());
     case Way::kEven: return launch(WayOf<Way::kEven>());
     case Way::kApart: return launch(WayOf<Way::kApart>());
-    case Way::kTested: return launch(WayOf<Way::kTested>());
-    default: return launch(WayOf<Way::kAllOrFew>());
+    default: return launch(WayOf<Way::kTested>());
   }
 }
 
