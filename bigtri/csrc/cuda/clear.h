@@ -11,12 +11,13 @@ inline namespace BIGTRI_NAMESPACE {
 // left out.
 Vertex* take_projected(Scratch* scratch, const Frame& f, bool wanted);
 
+constexpr int kSampled = 256;  // triangles
+
 // A frame's first kernels: one, or where the frame has areas three, which mark, list and clear these. projected: where the
 // vertices go, or null. shown: where to put how many triangles of a sample of kSampled, of the only view, may cover a
 // pixel centre, or null.
 cudaError_t launch_clear(const Frame& f, Vertex* projected, const Zeros& zeros, cudaStream_t stream,
                          uint32_t* shown = nullptr);
-constexpr int kSampled = 256;
 
 }  // namespace BIGTRI_NAMESPACE
 }  // namespace bigtri

@@ -12,7 +12,7 @@ inline namespace BIGTRI_NAMESPACE {
 namespace {
 
 constexpr int kMostlyShown = 24;  // triangles of 32 that may show and make testing further ones a waste
-constexpr uint32_t kMostShown = kSampled * 3 / 4;  // of a sample, the same
+constexpr uint32_t kMostShown = kSampled * 3 / 4;  // triangles of a sample that may show and make testing any a waste
 
 // Adds triangles to a view's number of those dropped. By all lanes. Rarely called.
 __device__ __noinline__ void count_dropped(const Frame& f, int32_t view, unsigned dropped) {

@@ -75,7 +75,7 @@ struct Sharing {
   uint32_t with_more;
   bool in_turns;  // tested: all blocks, which the device holds at once, take triangles of the only view in turns
   uint32_t spread;  // in turns: how far from each other neighbouring blocks begin; prime to `blocks`
-  Sample* sample;  // tested; null: too few to ask for
+  Sample* sample;  // tested; null: few show, as far as the host knows
   const ViewRange* ranges;  // of each view; null if all draw the same triangles
 };
 
