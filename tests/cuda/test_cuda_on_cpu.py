@@ -683,6 +683,22 @@ def test_few_triangles_are_drawn_by_a_team() -> None:
         assert np.count_nonzero(found.blocks) == blocks, settings
 
 
+def test_more_triangles_are_drawn_by_two_blocks_in_a_large_image() -> None:
+    """As many as make one turn. All triangles but one lie outside of the image: who draws has a part of its rows."""
+    for count, resolution, blocks in (
+        (32, (1024, 1025), 2),
+        (33, (1024, 1025), 1),
+        (32, (1024, 1024), 1),
+        (9, (1024, 1025), 2),
+        (8, (1024, 1025), 4),
+    ):
+        corners = np.full((count, 1, 1), -100) + 5 + 90 * np.array(SHAPE)
+        corners[0] += 200
+        case = from_pixels(corners, np.full((count, 3), 0.5), resolution)
+        found = counted(case, "bin_owned", {"few": 0, "widest": 128})
+        assert np.count_nonzero(found.blocks) == blocks, (count, resolution)
+
+
 def test_shares_make_one_turn_or_two() -> None:
     """Of this small device's two blocks each gets half, as long as that is up to 256; of views that have many pixels for each
     triangle up to 124, twice; of such that have more, in more turns."""
@@ -696,7 +712,7 @@ def test_shares_make_one_turn_or_two() -> None:
         ((200, 200), 1, 300, [150, 150]),
         ((100, 100), 2, 150, [75, 75] * 2),
         ((100, 100), 2, 248, [124, 124] * 2),
-        ((200, 200), 2, 150, [22] * 3 + [21] * 4 + [22] * 3 + [21] * 4),  # 267 px for each, of 6,144 a block
+        ((200, 200), 2, 150, [30] * 5 * 2),  # 267 px for each, of 8,192 a block
         ((200, 200), 2, 75, [19, 19, 19, 18] * 2),  # 533 px for each: 24 a block at least
         ((60, 59), 2, 150, [150] * 2),  # less than 24 px for each
         ((60, 60), 2, 150, [75, 75] * 2),

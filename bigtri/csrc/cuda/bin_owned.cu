@@ -40,7 +40,7 @@ constexpr int64_t kRegionsAllowed[] = {0, 4, 8, kRegion, -1};
   BIGTRI_SHARE_PARAMETER(X)                                                                                           \
   X(team, "blocks",                                                                                                   \
     "that set up the same triangles, and draw a part of their rows each, where that is up to 32 a block and there "   \
-    "are no ranges; 0: where share is 0, 4 or 1 by the image and the number of triangles; else 1",                    \
+    "are no ranges; 0: where share is 0, 4, 2 or 1 by the image and the number of triangles; else 1",                 \
     0, 0, 8, kTeamSizes)                                                                                              \
   X(cache, "bytes", "that the device's cache holds; 0: what the device says", 0, 0, int64_t{1} << 40)
 BIGTRI_PARAMETERS(BIGTRI_LIST)

@@ -90,22 +90,27 @@ inline double pixels_each(const Frame& f) {
 constexpr double kPixelsOfTwoTurns = 24;
 // Pixels of several views for a block that draws its triangles together. Of some views a camera may stand close by, and see few
 // that are large: blocks of fewer, in several turns, even that out.
-constexpr double kPixelsOfBlock = 6 << 10;
+constexpr double kPixelsOfBlock = 8 << 10;
 constexpr int kLeastOfViews = 24;  // triangles of such a block: below that, views that are seen whole take longer
 // Times that kEven's largest blocks fill the device, from which on it does not matter what each of them has to do.
 constexpr int64_t kTurns = 4;
 constexpr int kLeastTogether = 4;  // triangles of a block that draws them together
-constexpr int64_t kSmallImage = 1 << 19, kHugeImage = 1 << 22;  // px
+constexpr int64_t kSmallImage = 1 << 19, kLargeImage = 1 << 20, kHugeImage = 1 << 22;  // px
 
 // A team of blocks sets up the same triangles, and each block draws a part of their rows: all multiprocessors have as much to
 // draw, whatever the triangles' sizes. While the device holds all blocks at once that takes next to no longer, for a warp sets
 // up 16 as fast as four. It pays where some triangles may be large; few of them are drawn as fast alone in a small image.
+// Of more triangles two blocks set up the same in a large image: a camera that stands close by sees few of a mesh, and these
+// are large, while one that sees it whole takes next to no longer.
 constexpr int kBlocksOfTeam = 4, kMostOfTeam = 16;  // the latter triangles
+constexpr int kBlocksOfPair = 2;
 constexpr int64_t kMostInTeams = 1 << 16;  // triangles of all views, whatever the device
 constexpr int64_t kTeamSizes[] = {0, 1, 2, 4, 8, -1};
-inline bool teams_pay(const Frame& f, int64_t resident) {
-  return f.count <= resident * kMostOfTeam / kBlocksOfTeam && pixels_each(f) >= kSmallPixels &&
-         (pixels_of_all(f) > kSmallImage || f.count > 2 * resident);
+inline int blocks_of_team(const Frame& f, int64_t resident) {
+  if (f.count <= resident * kMostOfTeam / kBlocksOfTeam && pixels_each(f) >= kSmallPixels &&
+      (pixels_of_all(f) > kSmallImage || f.count > 2 * resident))
+    return kBlocksOfTeam;
+  return f.count <= resident * kWarp / kBlocksOfPair && pixels_of_all(f) > kLargeImage ? kBlocksOfPair : 1;
 }
 // Whether there can be teams at all, as the caller wants it: triangles of a block, and blocks of a team, or 0.
 inline bool may_be_in_teams(const Frame& f, int64_t each, int64_t team) {
@@ -235,7 +240,7 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   int resident;
   BIGTRI_CUDA(resident_blocks(reinterpret_cast<const void*>(kernel), block_threads(Way::kEven), 0, &resident));
   if (!may_be_in_teams(f, each, team)) team = 1;
-  if (team == 0) team = teams_pay(f, resident) ? kBlocksOfTeam : 1;
+  if (team == 0) team = blocks_of_team(f, resident);
   s->each = each > 0 ? (int)each : share_size(f, resident, (int)team, projected);
   s->way = way_of(s->each);
   const int64_t alone = (f.count + (int64_t)s->each - 1) / s->each;  // blocks of a view, without teams
