@@ -63,7 +63,8 @@ switch_stack:
 
 namespace {
 
-constexpr int kWarp = 32, kMostThreads = 1024, kProcessors = 2;
+constexpr int kWarp = 32, kMostThreads = 1024;
+constexpr int kProcessors[] = {2, 8};  // of each device
 constexpr size_t kStackBytes = 256 << 10, kPage = 4096;
 
 struct Thread {
@@ -365,9 +366,10 @@ struct CUgraph_st {
 };
 struct CUgraphExec_st : CUgraph_st {};
 static int graphs_launched = 0, graphs_made = 0, nodes_set = 0, refusing = 0;
+static int device_in_use = 0;
 
-// A device of two multiprocessors with room for a block each, so that blocks take several turns; of an old kind, so
-// that launches do not overlap.
+// Devices of few multiprocessors with room for a block each, so that blocks take several turns; of an old kind, so that
+// launches do not overlap.
 extern "C" {
 cudaError_t cudaStreamIsCapturing(cudaStream_t, cudaStreamCaptureStatus* status) {
   *status = cudaStreamCaptureStatusNone;
@@ -429,11 +431,11 @@ cudaError_t cudaGraphLaunch(cudaGraphExec_t exec, cudaStream_t) {
   return cudaSuccess;
 }
 cudaError_t cudaGetDevice(int* device) {
-  *device = 0;
+  *device = device_in_use;
   return cudaSuccess;
 }
-cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {
-  *value = attribute == cudaDevAttrMultiProcessorCount ? kProcessors
+cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int device) {
+  *value = attribute == cudaDevAttrMultiProcessorCount ? kProcessors[device]
            : attribute == cudaDevAttrL2CacheSize       ? 1 << 20
                                                        : 7;
   return cudaSuccess;
@@ -457,6 +459,7 @@ cudaError_t cudaMemsetAsync(void* p, int value, size_t bytes, cudaStream_t) {
   return cudaSuccess;
 }
 void set_order(int v) { order = v; }
+void use_device(int device) { device_in_use = device; }
 int launched_graphs() { return graphs_launched; }
 int made_graphs() { return graphs_made; }
 int set_nodes() { return nodes_set; }

@@ -722,6 +722,23 @@ def test_shares_make_one_turn_or_two() -> None:
         assert (blocks[blocks > 0] // each).tolist() == shares, (resolution, views, count)
 
 
+def test_triangles_that_make_one_turn_are_shared_out_to_the_whole_device() -> None:
+    """Six for each block would be too many for the last of eight."""
+    corners = np.arange(41)[:, None, None] % 8 * 5 + 5 + 10 * np.array(SHAPE)
+    case = from_pixels(corners, np.full((41, 3), 0.5), (50, 50))
+    each = int(counted_views(from_pixels(corners[:1], np.full((1, 3), 0.5), (50, 50)), 1, {})[1].sum())
+    counting_kernels().use_device(1)
+    try:
+        for count, shares in ((41, [6] + [5] * 7), (30, [4] * 6 + [3] * 2), (28, [4] * 7)):
+            some = case._replace(triangles=case.triangles[:count])
+            _, blocks = counted_views(some, 1, {"team": 1})
+            assert (blocks[blocks > 0] // each).tolist() == shares, count
+            _, blocks = counted_views(some, 1, {"share": 8})
+            assert np.count_nonzero(blocks) == -(-count // 8), "as the caller wants it"
+    finally:
+        counting_kernels().use_device(0)
+
+
 def test_large_triangles_of_views_and_parts_of_clipped_ones_wait() -> None:
     case = in_blocks((400, 400), 4, ((LARGE,) * 2,))  # 14,788 px of up to 15,200
     assert waiting(case, 4) == 0
