@@ -723,7 +723,7 @@ def test_shares_make_one_turn_or_two() -> None:
 
 
 def test_triangles_that_make_one_turn_are_shared_out_to_the_whole_device() -> None:
-    """Six for each block would be too many for the last of eight."""
+    """If each block got six of 41, the last of eight would get none."""
     corners = np.arange(41)[:, None, None] % 8 * 5 + 5 + 10 * np.array(SHAPE)
     case = from_pixels(corners, np.full((41, 3), 0.5), (50, 50))
     each = int(counted_views(from_pixels(corners[:1], np.full((1, 3), 0.5), (50, 50)), 1, {})[1].sum())

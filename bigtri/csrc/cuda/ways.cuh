@@ -244,7 +244,7 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   s->each = each > 0 ? (int)each : share_size(f, resident, (int)team, projected);
   s->way = way_of(s->each);
   int64_t alone = (f.count + (int64_t)s->each - 1) / s->each;  // blocks of a view, without teams
-  // As whole numbers of triangles for each, they might leave places of the device empty.
+  // Blocks of the same whole number of triangles might leave places of the device empty.
   if (each == 0 && together(s->way) && alone * f.views * team <= resident)
     alone = max_of(alone, min_of<int64_t>(resident / (f.views * team), f.count / kLeastTogether));
   s->log_team = 0;
