@@ -134,7 +134,7 @@ __device__ __noinline__ void draw_clipped(const Frame& f, int32_t view, const Cl
   for (; first < clips->count; first += step) {
     const Filed filed = clip_and_file<kSamples>(f, view, clips->triangle[first], limits, s);
     if (filed.rows > 0)
-      draw_rows<false>(first_pixel(f, view), f.view.width, s->triangle, filed.rows, 0, kWarp, INT32_MAX, &s->rows);
+      draw_rows<false>(first_pixel(f, view), f.view.width, s->triangle, filed.rows, 0, 0, 0, INT32_MAX, &s->rows);
     if (filed.rest > 0) {
       wait_for_previous();
       rest(view, s->records_end() - filed.rest, filed.rest);

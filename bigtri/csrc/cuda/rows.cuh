@@ -279,13 +279,17 @@ __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
 // Rows of a triangle, counted like that.
 __device__ __forceinline__ int rows_of(const RowTriangle& r) { return r.rows() << cell_bits(r); }
 
-// Draws `count` triangles, at most 32, onto a view of this width that the kernels in front have cleared: rows first,
-// first + 1, ..., first + 31, and so on in steps of `step`, so that several warps can share them. kLeaves: only those of
-// the first triangles, whose bboxes have no more than `most` pixels together; returns the first row that is left, or -1
-// if there is none. By all lanes.
-template <bool kLeaves>
+// Rows that a warp takes at a time, at least, where several share them. Few are shared out to all of them, for large triangles'
+// have many pixels; but a turn of one takes as long to begin as one of 32.
+constexpr int kLeastRows = 8;
+
+// Draws `count` triangles, at most 32, onto a view of this width that the kernels in front have cleared: of their rows from
+// `first` on the part-th of 2^log_parts parts, up to 32 at a time in turns, at least kLeast. kLeaves: only those of the first
+// triangles, whose bboxes have no more than `most` pixels together; returns the first row that is left, or -1 if there is none.
+// By all lanes.
+template <bool kLeaves, int kLeast = kWarp>
 __device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const RowTriangle* triangles, int count,
-                                         int first, int step, int most, RowShared* s) {
+                                         int first, int part, int log_parts, int most, RowShared* s) {
   const int lane = computed_here(lane_id());
   const unsigned lanes_to_here = (unsigned)computed_here((int)((2u << lane) - 1));
   const bool have = lane < count;
@@ -302,8 +306,10 @@ __device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const Row
   __syncwarp();
   if (have) s->begin[lane] = (uint16_t)begin;
   __syncwarp();
+  const int each = min_of(max_of((total - first + (1 << log_parts) - 1) >> log_parts, kLeast), kWarp);
 #pragma unroll 1
-  for (; first < total; first += step) {
+  for (first += part * each; first < total; first += each << log_parts) {
+    const bool has_row = (kLeast == kWarp || lane < each) && first + lane < total;
     const int owner = interval_at(first, begin, have, lanes_to_here);
     RowSpan span = {0, 0};
     RowStart z = {};  // Row::z
@@ -311,8 +317,8 @@ __device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const Row
     int shift = 0;
     int below = 0;  // of the row, px from the first cell's top
     bool thin = false;
-    const RowTriangle& r = triangles[first + lane < total ? owner : 0];
-    if (first + lane < total) {
+    const RowTriangle& r = triangles[has_row ? owner : 0];
+    if (has_row) {
       const int bits = cell_bits(r), number = first + lane - s->begin[owner], down = number >> bits,
                 right = number & ((1 << bits) - 1);
       const int x = r.x(), y = r.y() + down, left = (x & -kBin) + right * kBin;

@@ -74,8 +74,8 @@ __device__ __noinline__ void draw_left_rows(FramePixel pixels, int width, int wa
   for (int owner = 0; owner < kWarps; ++owner) {
     const int count = shared->row_counts[owner], turn = (warp + owner) % kWarps;  // another one begins with each
     if (count > 0)
-      draw_rows<false>(pixels, width, shared->warp[owner].triangle, count, shared->next_row[owner] + turn * kWarp,
-                       kWarps * kWarp, INT32_MAX, &shared->warp[warp].rows);
+      draw_rows<false>(pixels, width, shared->warp[owner].triangle, count, shared->next_row[owner], turn,
+                       log_block_warps(kWay), INT32_MAX, &shared->warp[warp].rows);
   }
 }
 
@@ -188,9 +188,10 @@ struct Drawing {
       const int turn = kGroups > 1 ? (warp + 3 * group) % kWarps : warp;  // another one begins with each
       // In groups, most warps have none of a group's rows, and would take 1,000 cycles to find that out.
       if (kGroups > 1 && whole ? turn * kWarp < shared->group_rows[group] : count > 0)
-        draw_rows<false>(pixels, f.view.width, shared->warp[whole ? group : warp].triangle, count,
-                         whole ? ((turn << team().log_size) + team().member) * kWarp : 0,
-                         whole ? kWarps * kWarp << team().log_size : kWarp, INT32_MAX, &s->rows);
+        draw_rows<false, kGroups == 1 ? kLeastRows : kWarp>(
+            pixels, f.view.width, shared->warp[whole ? group : warp].triangle, count, 0,
+            whole ? (turn << team().log_size) + team().member : 0, whole ? log_block_warps(kWay) + team().log_size : 0,
+            INT32_MAX, &s->rows);
       if (kGroups > 1 && whole && ++group < groups) continue;
       if (filed.rest > 0) {
         wait_for_previous();
@@ -214,7 +215,7 @@ struct Drawing {
     if (kLeaves) shared->row_counts[warp] = 0;
     if (made.filed.rows > 0) {
       // Where it clips too, which takes the memory of these, it draws them all.
-      const int next = draw_rows<kLeaves>(pixels, f.view.width, s->triangle, made.filed.rows, 0, kWarp,
+      const int next = draw_rows<kLeaves>(pixels, f.view.width, s->triangle, made.filed.rows, 0, 0, 0,
                                           made.clips > 0 ? INT32_MAX : sharing.own_pixels, &s->rows);
       if (kLeaves && next >= 0) {
         shared->row_counts[warp] = made.filed.rows;

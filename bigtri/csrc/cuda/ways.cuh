@@ -32,7 +32,8 @@ BIGTRI_HD constexpr int most_groups(Way way) { return way == Way::kInGroups ? 4 
 
 // Warps of a block. A block's place is free for the next one only when its last warp is done, so that warps that do not
 // help each other are better off in small blocks.
-BIGTRI_HD constexpr int block_warps(Way way) { return together(way) || way == Way::kEven ? 8 : 4; }
+BIGTRI_HD constexpr int log_block_warps(Way way) { return together(way) || way == Way::kEven ? 3 : 2; }
+BIGTRI_HD constexpr int block_warps(Way way) { return 1 << log_block_warps(way); }
 BIGTRI_HD constexpr int block_threads(Way way) { return block_warps(way) * kWarp; }
 // Blocks that a multiprocessor ought to hold.
 BIGTRI_HD constexpr int blocks_held(Way way) { return 32 / block_warps(way); }
