@@ -10,10 +10,10 @@ of 100 px to one over all of it; and four layers over 1920x1080 of 2 to 100,000 
 px: the variants that have it as a parameter. What is wider waits.
 
 And, where they are asked for, in steps so small that a change of path shows, for "auto" on the bumpy body of the R-scenes:
-* `body_count`: the first 10 to 1,000,000 triangles of a body, at 256x256 and 1920x1080;
-* `body_share`: 16,000 triangles whose ball is 1 to 200 % as high as the picture;
-* `body_resolution`: 16,000 and 100,000 triangles on squares of 64 to 4096 px;
-* `body_views`: batches of 2 to 1024 views of 4,000 triangles, 128x128 each.
+* `body_count`: the first 10 to 1,000,000 triangles of a body, at 256x256, 640x480, 1920x1080 and 3840x2160;
+* `body_share`: 16,000 triangles whose ball is 1 to 200 % as high as the picture, at the same sizes;
+* `body_resolution`: 400, 16,000 and 100,000 triangles on squares of 64 to 4096 px;
+* `body_views`: batches of 2 to 1024 views of 4,000 triangles, 128x128 each, and of 400, 512x512 each.
 At the end stands where "auto" has a cliff: where a step costs more than the steps before and after it, or gains.
 
 A way is a variant, or `bin_owned` kept to one of its paths or ways to share triangles by `bigtri.native.using_parameters`
@@ -55,6 +55,7 @@ from bigtri.study.clock import summary
 from bigtri.study.scenes import layers_of
 
 WIDTH, HEIGHT = 1920, 1080  # px, where a curve does not vary them
+SWEPT = option_types.listed(option_types.size)(cuda_cases.SIZES)  # what the sweeps draw at
 SIDE = 16384  # px, of `area`
 LAYERS = 4
 LIMIT = 50_000  # us
@@ -239,26 +240,27 @@ def as_high(count: int, percent: float) -> meshes.Batch:
 
 def body_count_points() -> Iterator[Point]:
     for count in steps(10, 1_000_000, 1.5):
-        for width, height in ((256, 256), (WIDTH, HEIGHT)):
+        for width, height in SWEPT:
             yield Point("body_count", f"{width} x {height}", count, width, height, partial(first_of, count))
 
 
 def body_share_points() -> Iterator[Point]:
     for percent in steps(1, 200, 1.5):
-        for width, height in ((256, 256), (WIDTH, HEIGHT)):
+        for width, height in SWEPT:
             yield Point("body_share", f"{width} x {height}", percent, width, height, partial(as_high, 16_000, percent))
 
 
 def body_resolution_points() -> Iterator[Point]:
     for side in steps(64, 4096, 2**0.5):
-        for count in (16_000, 100_000):
+        for count in (400, 16_000, 100_000):
             yield Point("body_resolution", f"{count} triangles", side, side, side, partial(first_of, count))
 
 
 def body_views_points() -> Iterator[Point]:
     for views in steps(2, 1024, 1.5):
-        make = partial(meshes.batch, [body_of(4000)], views, ASPECT)
-        yield Point("body_views", "4000 triangles, 128 x 128", views, 128, 128, make, views=views)
+        for count, side in ((4000, 128), (400, 512)):
+            make = partial(meshes.batch, [body_of(count)], views, ASPECT)
+            yield Point("body_views", f"{count} triangles, {side} x {side}", views, side, side, make, views=views)
 
 
 CURVES: dict[str, Callable[[], Iterator[Point]]] = {
