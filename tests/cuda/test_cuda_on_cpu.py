@@ -683,6 +683,47 @@ def test_few_triangles_are_drawn_by_a_team() -> None:
         assert np.count_nonzero(found.blocks) == blocks, settings
 
 
+def test_a_team_shares_out_few_rows_evenly() -> None:
+    """All warps of the team have 16 or more, as long as there are 512 or fewer: the first ones are those of different blocks."""
+    for side, team, blocks in ((63, 4, 4), (63, 2, 2), (63, 8, 8), (33, 4, 3), (31, 4, 2), (15, 4, 1), (31, 2, 1)):
+        case = from_pixels(5 + side * np.array([SHAPE]), np.full((1, 3), 0.5), (100, 100))
+        found = counted(case, "bin_owned", {"few": 0, "share": 4, "team": team})
+        assert np.count_nonzero(found.blocks) == blocks, (side, team)
+        assert found.of["rows"] == counted(case, "bin_owned", {"few": 0, "team": 1}).of["rows"], "none is drawn twice"
+
+
+@pytest.mark.parametrize(
+    ("resolution", "views", "count", "settings", "widest"),
+    [
+        ((700, 800), 1, 280, {}, 192),
+        ((700, 800), 1, 280, {"team": 4}, 256),  # the blocks of a team share the rows
+        ((700, 800), 1, 280, {"team": 2}, 192),
+        ((700, 800), 1, 256, {}, 192),
+        ((700, 700), 1, 256, {}, 96),  # a few triangles, of which most blocks have none
+        ((700, 700), 1, 257, {}, 256),  # few pixels
+        ((800, 800), 1, 27, {}, 192),
+        ((800, 800), 1, 27, {"team": 4}, 256),
+        ((800, 800), 1, 26, {"team": 4}, 64),  # more than 24,576 px for each
+        ((800, 800), 2, 40, {}, 192),
+        ((800, 800), 2, 38, {}, 64),  # more than 16,384
+        ((800, 800), 2, 256, {}, 192),
+        ((800, 800), 2, 257, {}, 256),  # as many as keep blocks busy
+        ((1800, 1800), 2, 317, {}, 256),
+        ((1800, 1800), 2, 316, {}, 192),  # more than 10,240
+        ((2048, 2047), 1, 260, {}, 192),
+        ((2048, 2048), 1, 260, {}, 256),  # many pixels
+    ],
+)
+def test_how_wide_triangles_are_that_rows_draw(
+    resolution: tuple[int, int], views: int, count: int, settings: dict[str, int], widest: int
+) -> None:
+    """Two flat triangles, one of which is a pixel wider than that."""
+    corners = np.full((count, 3, 2), 5) + SHAPE
+    corners[:2] = 5 + np.array([[widest], [widest + 1]])[:, None] * [[0, 0], [1, 0], [0.5, 0.08]]
+    case = from_pixels(corners, np.full((count, 3), 0.5), resolution)
+    assert waiting(case, 4, views, **settings) == views
+
+
 def test_more_triangles_are_drawn_by_two_blocks_in_a_large_image() -> None:
     """As many as make one turn. All triangles but one lie outside of the image: who draws has a part of its rows."""
     for count, resolution, blocks in (
@@ -716,6 +757,8 @@ def test_shares_make_one_turn_or_two() -> None:
         ((200, 200), 2, 75, [19, 19, 19, 18] * 2),  # 533 px for each: 24 a block at least
         ((60, 59), 2, 150, [150] * 2),  # less than 24 px for each
         ((60, 60), 2, 150, [75, 75] * 2),
+        ((245, 245), 2, 300, [60] * 5 * 2),  # 200 px for each: in more than two turns together
+        ((244, 244), 2, 300, [100] * 3 * 2),
     ):
         given = from_pixels(corners[:count], np.full((count, 3), 0.5), resolution)
         _, blocks = counted_views(given, views, {})
@@ -735,8 +778,21 @@ def test_triangles_that_make_one_turn_are_shared_out_to_the_whole_device() -> No
             assert (blocks[blocks > 0] // each).tolist() == shares, count
             _, blocks = counted_views(some, 1, {"share": 8})
             assert np.count_nonzero(blocks) == -(-count // 8), "as the caller wants it"
+        # Teams of four blocks get two triangles at least.
+        large = from_pixels(np.arange(4)[:, None, None] * 20 + 5 + 90 * np.array(SHAPE), np.full((4, 3), 0.5), (725, 725))
+        assert np.count_nonzero(counted_views(large, 1, {"widest": 128})[1]) == 8
     finally:
         counting_kernels().use_device(0)
+
+
+def test_what_touches_many_bins_is_looked_at_for_all_unless_views_are_many() -> None:
+    """Six records of each view, of 65 bins. Of those in lists the first of a view finds room, and 26 of 96 are neither that nor among
+    the first 64, which blocks look at for all bins anyway."""
+    corners = np.tile([[0, 0], [65 * 64, 0], [0, 500]], (6, 1, 1))
+    case = from_pixels(corners, np.linspace(0.1, 0.8, 18).reshape(6, 3), (64, 65 * 64))
+    for views, full in ((15, 0), (16, 26 * 65)):
+        overflows = counted_views(case, views, {"queue": 96 * 2})[0]["overflows"]
+        assert overflows == full, views
 
 
 def test_large_triangles_of_views_and_parts_of_clipped_ones_wait() -> None:

@@ -289,7 +289,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, void* memory, cudaStrea
   if (sample) zeros = 1;  // Sample::claimed
   if (zeros > more_words(f, v)) return cudaErrorInvalidValue;  // or they would lie in the lists
   BIGTRI_CUDA(launch_clear(f, r.projected, r.waiting.zeros(f.views, zeros), stream, sample ? &sample->shown : nullptr));
-  r.limits = {widest_rows(f, way, v.widest), most_large(f, teams, of_sample(r.sharing)),
+  r.limits = {widest_rows(f, r.sharing, v.widest), most_large(f, teams, of_sample(r.sharing)),
               most_large(f, teams, r.sharing.group) / 2, v.widest > 0 ? nullptr : r.waiting.samples, r.waiting.words};
   BIGTRI_CUDA(with_way(way, [&](auto of) {
     return launch_next(draw_by_rows<of.value>, blocks, block_threads(of.value), 0, stream, f, r);

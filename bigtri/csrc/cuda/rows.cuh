@@ -279,15 +279,15 @@ __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
 // Rows of a triangle, counted like that.
 __device__ __forceinline__ int rows_of(const RowTriangle& r) { return r.rows() << cell_bits(r); }
 
-// Rows that a warp takes at a time, at least, where several share them. Few are shared out to all of them, for large triangles'
-// have many pixels; but a turn of one takes as long to begin as one of 32.
-constexpr int kLeastRows = 8;
+// Rows that are drawn at once, at least, where so many warps share them that some would have none: fewer for each warp then, for
+// those of large triangles have many pixels. But a turn of one row takes as long to begin as one of 32.
+constexpr int kLeastRows = 16 * kWarp;
 
 // Draws `count` triangles, at most 32, onto a view of this width that the kernels in front have cleared: of their rows from
-// `first` on the part-th of 2^log_parts parts, up to 32 at a time in turns, at least kLeast. kLeaves: only those of the first
-// triangles, whose bboxes have no more than `most` pixels together; returns the first row that is left, or -1 if there is none.
-// By all lanes.
-template <bool kLeaves, int kLeast = kWarp>
+// `first` on the part-th of 2^log_parts parts, 32 at a time in turns; kEvenly: fewer, if all parts are done in one turn.
+// kLeaves: only those of the first triangles, whose bboxes have no more than `most` pixels together; returns the first row that
+// is left, or -1 if there is none. By all lanes.
+template <bool kLeaves, bool kEvenly = false>
 __device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const RowTriangle* triangles, int count,
                                          int first, int part, int log_parts, int most, RowShared* s) {
   const int lane = computed_here(lane_id());
@@ -306,10 +306,11 @@ __device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const Row
   __syncwarp();
   if (have) s->begin[lane] = (uint16_t)begin;
   __syncwarp();
-  const int each = min_of(max_of((total - first + (1 << log_parts) - 1) >> log_parts, kLeast), kWarp);
+  const int shared_out = (max_of(total - first, kLeastRows) + (1 << log_parts) - 1) >> log_parts;
+  const int each = kEvenly ? min_of(shared_out, kWarp) : kWarp;
 #pragma unroll 1
   for (first += part * each; first < total; first += each << log_parts) {
-    const bool has_row = (kLeast == kWarp || lane < each) && first + lane < total;
+    const bool has_row = (!kEvenly || lane < each) && first + lane < total;
     const int owner = interval_at(first, begin, have, lanes_to_here);
     RowSpan span = {0, 0};
     RowStart z = {};  // Row::z

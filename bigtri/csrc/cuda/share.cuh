@@ -188,10 +188,10 @@ struct Drawing {
       const int turn = kGroups > 1 ? (warp + 3 * group) % kWarps : warp;  // another one begins with each
       // In groups, most warps have none of a group's rows, and would take 1,000 cycles to find that out.
       if (kGroups > 1 && whole ? turn * kWarp < shared->group_rows[group] : count > 0)
-        draw_rows<false, kGroups == 1 ? kLeastRows : kWarp>(
-            pixels, f.view.width, shared->warp[whole ? group : warp].triangle, count, 0,
-            whole ? (turn << team().log_size) + team().member : 0, whole ? log_block_warps(kWay) + team().log_size : 0,
-            INT32_MAX, &s->rows);
+        draw_rows<false, kWay == Way::kInTeams>(pixels, f.view.width, shared->warp[whole ? group : warp].triangle,
+                                                count, 0, whole ? (turn << team().log_size) + team().member : 0,
+                                                whole ? log_block_warps(kWay) + team().log_size : 0, INT32_MAX,
+                                                &s->rows);
       if (kGroups > 1 && whole && ++group < groups) continue;
       if (filed.rest > 0) {
         wait_for_previous();

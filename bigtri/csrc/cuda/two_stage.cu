@@ -69,7 +69,7 @@ cudaError_t launch_rows(const Frame& f, const Values& v, PairQueue q, cudaStream
     if (f.count > 0)
       BIGTRI_CUDA(with_way(way, [&](auto of) {
         return launch_next(set_up_and_enqueue<of.value>, blocks, block_threads(of.value), 0, stream, f, q, sharing,
-                           RowLimits{widest_rows(f, way, v.widest), 0, 0, nullptr, nullptr});
+                           RowLimits{widest_rows(f, sharing, v.widest), 0, 0, nullptr, nullptr});
       }));
   }
   return cudaSuccess;

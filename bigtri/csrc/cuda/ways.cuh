@@ -95,7 +95,10 @@ constexpr double kPixelsOfBlock = 8 << 10;
 constexpr int kLeastOfViews = 24;  // triangles of such a block: below that, views that are seen whole take longer
 // Times that kEven's largest blocks fill the device, from which on it does not matter what each of them has to do.
 constexpr int64_t kTurns = 4;
-constexpr int kLeastTogether = 4;  // triangles of a block that draws them together
+constexpr int kLeastTogether = 4, kLeastOfTeam = 2;  // triangles of a block that draws them together, or of a team
+// Pixels of several views for each triangle, from which on many turns of blocks that draw together take less than blocks whose
+// warps are left alone: some triangles are large for a warp.
+constexpr double kPixelsOfManyTurns = 200;
 constexpr int64_t kSmallImage = 1 << 19, kLargeImage = 1 << 20, kHugeImage = 1 << 22;  // px
 
 // A team of blocks sets up the same triangles, and each block draws a part of their rows: all multiprocessors have as much to
@@ -121,7 +124,7 @@ inline bool may_be_in_teams(const Frame& f, int64_t each, int64_t team) {
 // How many teams there are then at most.
 inline int64_t most_teams(const Frame& f, int64_t each, int64_t team) {
   if (!may_be_in_teams(f, each, team)) return 0;
-  const int64_t least = each > 0 ? each : kLeastTogether;
+  const int64_t least = each > 0 ? each : kLeastOfTeam;
   return (f.count + least - 1) / least * f.views;
 }
 
@@ -174,7 +177,7 @@ inline int share_size(const Frame& f, int64_t resident, int team, bool projected
     // there is to do.
     const bool even = f.views > 1 ? pixels >= kSmallPixels && total <= resident * kOfEven
                                   : pixels > kTinyPixels && total <= resident * kOfEven * kTurns;
-    if (!even) return kOfApart;
+    if (!even) return f.views > 1 && pixels >= kPixelsOfManyTurns ? 2 * kWarp : kOfApart;
     const int step = max_of(block_warps(Way::kEven), 1 << log_neighbours(f, Way::kEven, resident));
     return as_few(kOfApart + step, step, kOfEven, 1, 1);
   }
@@ -198,14 +201,19 @@ constexpr int kPixelBits = 40;
 
 // RowLimits::widest. Warps that are left alone with their triangles take no large ones. Nor do the blocks of a few
 // triangles, where most of the device has nothing to do. Where an image has many pixels, or all views have few, what waits
-// for blocks that own them takes long to begin. wanted: the caller's, or 0.
+// for blocks that own them takes long to begin; where four blocks share the rows, or a batch keeps all blocks busy, wide ones are
+// soon drawn, but for those of which each has much of its view. wanted: the caller's, or 0.
 constexpr int64_t kFewTriangles = 256;
-inline int widest_rows(const Frame& f, Way way, int64_t wanted) {
+constexpr double kMostPixelsOfViews = 10 << 10;
+inline int widest_rows(const Frame& f, const Sharing& s, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
-  const int64_t pixels = (int64_t)f.view.width * f.view.height;
-  if (way == Way::kApart || tests(way) || pixels_each(f) > kLargePixels) return 64;
-  if (triangles_of_all(f) <= kFewTriangles && pixels <= kSmallImage) return 96;
-  return pixels_of_all(f) <= kSmallImage || pixels > kHugeImage ? 256 : 192;
+  const int64_t pixels = (int64_t)f.view.width * f.view.height, total = triangles_of_all(f);
+  const double most_pixels = f.views > 1 ? kLargePixels : 1.5 * kLargePixels;
+  if (s.way == Way::kApart || tests(s.way) || pixels_each(f) > most_pixels) return 64;
+  if (total <= kFewTriangles && pixels <= kSmallImage) return 96;
+  const bool busy = f.views > 1 && total > 2 * kFewTriangles && pixels_each(f) <= kMostPixelsOfViews;
+  const bool shared = 1 << s.log_team >= kBlocksOfTeam;
+  return shared || busy || pixels_of_all(f) <= kSmallImage || pixels >= kHugeImage ? 256 : 192;
 }
 
 // RowLimits::most_large where what waits is drawn by patches, which cost little for each pixel, but much to begin with.
@@ -222,7 +230,9 @@ inline int most_large(const Frame& f, bool of_team, int count) {
 }
 // Triangles of a sample. A team's group is shared out to its blocks, so many in a row each.
 constexpr int kOfSample = 4;
-inline int of_sample(const Sharing& s) { return s.log_team > 0 ? max_of(kOfSample, s.group >> s.log_team) : s.group; }
+inline int of_sample(const Sharing& s) {
+  return s.log_team > 0 ? min_of(s.group, max_of(kOfSample, s.group >> s.log_team)) : s.group;
+}
 
 // Sharing::own_pixels. Below that a warp is sooner done than the others can begin to help.
 inline int own_pixels(const Frame& f) { return (int64_t)f.view.width * f.view.height > kHugeImage ? 4096 : 2048; }
@@ -246,8 +256,11 @@ cudaError_t share_triangles(Kernel kernel, const Frame& f, bool projected, int64
   s->way = way_of(s->each);
   int64_t alone = (f.count + (int64_t)s->each - 1) / s->each;  // blocks of a view, without teams
   // Blocks of the same whole number of triangles might leave places of the device empty.
-  if (each == 0 && together(s->way) && alone * f.views * team <= resident)
-    alone = max_of(alone, min_of<int64_t>(resident / (f.views * team), f.count / kLeastTogether));
+  if (each == 0 && !ranges && alone > 0 && together(s->way) && alone * f.views * team <= resident) {
+    const int least = team > 1 ? kLeastOfTeam : kLeastTogether;
+    alone = max_of(alone, min_of<int64_t>(resident / (f.views * team), f.count / least));
+    s->each = (int)((f.count + alone - 1) / alone);
+  }
   s->log_team = 0;
   while (s->way == Way::kTogether && 1 << s->log_team < team && alone * f.views << s->log_team <= INT32_MAX / 2)
     ++s->log_team;
