@@ -82,7 +82,8 @@ struct Sharing {
 
 // Pixels of the image, or of all views, for each triangle: up to the first number nearly all triangles of a mesh cover
 // none, up to the second most, from the third on some may be large, from the fourth on many, from the fifth on most.
-constexpr double kLeastPixels = 0.4, kTinyPixels = 0.8, kSmallPixels = 16, kMiddlePixels = 64, kLargePixels = 1 << 14;
+constexpr double kLeastPixels = 0.4, kTinyPixels = 0.8, kSmallPixels = 16, kMiddlePixels = 64, kLargePixels = 24 << 10,
+                 kLargePixelsOfViews = 10 << 10;
 inline double pixels_each(const Frame& f) {
   return (double)pixels_of_all(f) / (double)max_of<int64_t>(triangles_of_all(f), 1);
 }
@@ -98,7 +99,7 @@ constexpr int64_t kTurns = 4;
 constexpr int kLeastTogether = 4, kLeastOfTeam = 2;  // triangles of a block that draws them together, or of a team
 // Pixels of several views for each triangle, from which on many turns of blocks that draw together take less than blocks whose
 // warps are left alone: some triangles are large for a warp.
-constexpr double kPixelsOfManyTurns = 200;
+constexpr double kPixelsOfManyTurns = 100;
 constexpr int64_t kSmallImage = 1 << 19, kLargeImage = 1 << 20, kHugeImage = 1 << 22;  // px
 
 // A team of blocks sets up the same triangles, and each block draws a part of their rows: all multiprocessors have as much to
@@ -175,9 +176,10 @@ inline int share_size(const Frame& f, int64_t resident, int team, bool projected
   if (turns > (f.views > 1 && pixels >= kPixelsOfTwoTurns ? 2 : 1)) {
     // None is too large for a warp where all are tiny. Blocks that take many turns, and several views, even out what
     // there is to do.
+    if (f.views > 1 && pixels >= kPixelsOfManyTurns) return 2 * kWarp;
     const bool even = f.views > 1 ? pixels >= kSmallPixels && total <= resident * kOfEven
                                   : pixels > kTinyPixels && total <= resident * kOfEven * kTurns;
-    if (!even) return f.views > 1 && pixels >= kPixelsOfManyTurns ? 2 * kWarp : kOfApart;
+    if (!even) return kOfApart;
     const int step = max_of(block_warps(Way::kEven), 1 << log_neighbours(f, Way::kEven, resident));
     return as_few(kOfApart + step, step, kOfEven, 1, 1);
   }
@@ -202,29 +204,29 @@ constexpr int kPixelBits = 40;
 // RowLimits::widest. Warps that are left alone with their triangles take no large ones. Nor do the blocks of a few
 // triangles, where most of the device has nothing to do. Where an image has many pixels, or all views have few, what waits
 // for blocks that own them takes long to begin; where four blocks share the rows, or a batch keeps all blocks busy, wide ones are
-// soon drawn, but for those of which each has much of its view. wanted: the caller's, or 0.
+// soon drawn. wanted: the caller's, or 0.
 constexpr int64_t kFewTriangles = 256;
-constexpr double kMostPixelsOfViews = 10 << 10;
 inline int widest_rows(const Frame& f, const Sharing& s, int64_t wanted) {
   if (wanted > 0) return (int)wanted;
   const int64_t pixels = (int64_t)f.view.width * f.view.height, total = triangles_of_all(f);
-  const double most_pixels = f.views > 1 ? kLargePixels : 1.5 * kLargePixels;
-  if (s.way == Way::kApart || tests(s.way) || pixels_each(f) > most_pixels) return 64;
+  if (s.way == Way::kApart || tests(s.way) || pixels_each(f) > (f.views > 1 ? kLargePixelsOfViews : kLargePixels))
+    return 64;
   if (total <= kFewTriangles && pixels <= kSmallImage) return 96;
-  const bool busy = f.views > 1 && total > 2 * kFewTriangles && pixels_each(f) <= kMostPixelsOfViews;
-  const bool shared = 1 << s.log_team >= kBlocksOfTeam;
+  const bool busy = f.views > 1 && total > 2 * kFewTriangles, shared = 1 << s.log_team >= kBlocksOfTeam;
   return shared || busy || pixels_of_all(f) <= kSmallImage || pixels >= kHugeImage ? 256 : 192;
 }
 
 // RowLimits::most_large where what waits is drawn by patches, which cost little for each pixel, but much to begin with.
 // The smaller the image, the fewer patches draw at once, and the more triangles each of them draws one after the other.
 // Nor do they pay where samples that have large ones have, for each triangle, less than half of what the image has for each: a
-// mesh of few triangles, all of which are large. Since that tells such meshes from layers, less is enough in teams.
-constexpr double kMostLarge = 1800, kMostLargeOfTeam = 1300;  // px for each triangle of a sample, of any image
+// mesh of few triangles, all of which are large. Since that tells such meshes from layers, less is enough in teams. It is where
+// several views keep all blocks busy, if samples have more than the image: layers.
+constexpr double kMostLarge = 1800, kMostLargeOfTeam = 1300, kLeastLargeOfViews = 1000;  // px for each, of any image
 constexpr double kMostLargeOfImage = 3.2e8;  // what a smaller image adds, times its pixels
 constexpr double kLeastLayers = 0.5;
 inline int most_large(const Frame& f, bool of_team, int count) {
-  const double any = of_team ? kMostLargeOfTeam : kMostLarge;
+  double any = of_team ? kMostLargeOfTeam : kMostLarge;
+  if (f.views > 1) any = min_of(any, max_of(kLeastLargeOfViews, pixels_each(f)));
   const double for_each = max_of(any + kMostLargeOfImage / (double)pixels_of_all(f), kLeastLayers * pixels_each(f));
   return (int)min_of(count * for_each, (double)INT32_MAX);
 }
