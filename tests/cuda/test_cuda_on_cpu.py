@@ -683,9 +683,30 @@ def test_few_triangles_are_drawn_by_a_team() -> None:
         assert np.count_nonzero(found.blocks) == blocks, settings
 
 
+@pytest.mark.parametrize(
+    ("resolution", "count", "region"),
+    [
+        ((300, 400), 128, 4),
+        ((512, 512), 128, 8),
+        ((512, 512), 129, 8),
+        ((480, 640), 128, 8),
+        ((480, 640), 129, 4),
+        ((512, 641), 129, 8),
+        ((1024, 1024), 129, 8),
+        ((1025, 1024), 128, 16),
+    ],
+)
+def test_regions_are_low_in_small_images(resolution: tuple[int, int], count: int, region: int) -> None:
+    corners = np.full((count, 3, 2), 5) + 200 * np.array(SHAPE)
+    case = from_pixels(corners, np.linspace(0.1, 0.9, 3 * count).reshape(count, 3), resolution)
+    of = {of: counted(case, "bin_owned", {"region": of}).of for of in (4, 8, 16)}
+    assert of[4] != of[8] != of[16]
+    assert counted(case, "bin_owned", {}).of == of[region]
+
+
 def test_a_team_shares_out_few_rows_evenly() -> None:
-    """All warps of the team have 16 or more, as long as there are 512 or fewer: the first ones are those of different blocks."""
-    for side, team, blocks in ((63, 4, 4), (63, 2, 2), (63, 8, 8), (33, 4, 3), (31, 4, 2), (15, 4, 1), (31, 2, 1)):
+    """Up to 512 rows: of 32 warps each takes 16 at a time, of 64 eight; the first ones are those of different blocks."""
+    for side, team, blocks in ((63, 4, 4), (63, 2, 2), (63, 8, 8), (33, 4, 3), (31, 4, 2), (15, 4, 1), (31, 2, 1), (15, 8, 2)):
         case = from_pixels(5 + side * np.array([SHAPE]), np.full((1, 3), 0.5), (100, 100))
         found = counted(case, "bin_owned", {"few": 0, "share": 4, "team": team})
         assert np.count_nonzero(found.blocks) == blocks, (side, team)

@@ -319,11 +319,13 @@ int warps_of(const Frame& f, const Values& v) {
 }
 
 // Low regions give a small image enough blocks for the device, and a warp fewer triangles to draw one after the other.
-// With more blocks than the device has multiprocessors what all of them do counts: each sets up all triangles.
+// With more blocks than the device has multiprocessors what all of them do counts: each sets up all triangles. At 640x480
+// patches of 64x32 px are already more, and twice as many take little longer.
 int region_of(const Frame& f, const Values& v) {
   if (v.region > 0) return (int)v.region;
   const int64_t pixels = (int64_t)f.view.width * f.view.height;
-  return pixels <= 1 << 17 ? 4 : pixels <= 1 << 20 ? 8 : kRegion;
+  const bool many = warps_of(f, v) == kMostWarps && pixels > 1 << 18 && pixels <= 5 << 16;
+  return pixels <= 1 << 17 || many ? 4 : pixels <= 1 << 20 ? 8 : kRegion;
 }
 
 // Up to so many pixels patches are 64x8 px, whatever the number of warps: at 256x256 about one for each multiprocessor.

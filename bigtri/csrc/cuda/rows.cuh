@@ -279,12 +279,12 @@ __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
 // Rows of a triangle, counted like that.
 __device__ __forceinline__ int rows_of(const RowTriangle& r) { return r.rows() << cell_bits(r); }
 
-// Rows that are drawn at once, at least, where so many warps share them that some would have none: fewer for each warp then, for
-// those of large triangles have many pixels. But a turn of one row takes as long to begin as one of 32.
-constexpr int kLeastRows = 16 * kWarp;
+// So few rows that with 32 at a time many of the warps that share them would have none: large triangles' rows, with many pixels.
+// Then each takes 16 or so; a turn of one takes as long to begin as one of 32.
+constexpr int kFewRows = 16 * kWarp;
 
 // Draws `count` triangles, at most 32, onto a view of this width that the kernels in front have cleared: of their rows from
-// `first` on the part-th of 2^log_parts parts, 32 at a time in turns; kEvenly: fewer, if all parts are done in one turn.
+// `first` on the part-th of 2^log_parts parts, 32 at a time in turns; kEvenly: fewer of kFewRows, if there are 16 parts or more.
 // kLeaves: only those of the first triangles, whose bboxes have no more than `most` pixels together; returns the first row that
 // is left, or -1 if there is none. By all lanes.
 template <bool kLeaves, bool kEvenly = false>
@@ -306,8 +306,7 @@ __device__ __forceinline__ int draw_rows(FramePixel pixels, int width, const Row
   __syncwarp();
   if (have) s->begin[lane] = (uint16_t)begin;
   __syncwarp();
-  const int shared_out = (max_of(total - first, kLeastRows) + (1 << log_parts) - 1) >> log_parts;
-  const int each = kEvenly ? min_of(shared_out, kWarp) : kWarp;
+  const int each = kEvenly && total - first <= kFewRows ? min_of(kFewRows >> log_parts, kWarp) : kWarp;
 #pragma unroll 1
   for (first += part * each; first < total; first += each << log_parts) {
     const bool has_row = (!kEvenly || lane < each) && first + lane < total;

@@ -100,7 +100,7 @@ constexpr int kLeastTogether = 4, kLeastOfTeam = 2;  // triangles of a block tha
 // Pixels of several views for each triangle, from which on many turns of blocks that draw together take less than blocks whose
 // warps are left alone: some triangles are large for a warp.
 constexpr double kPixelsOfManyTurns = 100;
-constexpr int64_t kSmallImage = 1 << 19, kLargeImage = 1 << 20, kHugeImage = 1 << 22;  // px
+constexpr int64_t kTeamImage = 1 << 18, kSmallImage = 1 << 19, kLargeImage = 1 << 20, kHugeImage = 1 << 22;  // px
 
 // A team of blocks sets up the same triangles, and each block draws a part of their rows: all multiprocessors have as much to
 // draw, whatever the triangles' sizes. While the device holds all blocks at once that takes next to no longer, for a warp sets
@@ -113,7 +113,7 @@ constexpr int64_t kMostInTeams = 1 << 16;  // triangles of all views, whatever t
 constexpr int64_t kTeamSizes[] = {0, 1, 2, 4, 8, -1};
 inline int blocks_of_team(const Frame& f, int64_t resident) {
   if (f.count <= resident * kMostOfTeam / kBlocksOfTeam && pixels_each(f) >= kSmallPixels &&
-      (pixels_of_all(f) > kSmallImage || f.count > 2 * resident))
+      (pixels_of_all(f) > kTeamImage || f.count > 2 * resident))
     return kBlocksOfTeam;
   return f.count <= resident * kWarp / kBlocksOfPair && pixels_of_all(f) > kLargeImage ? kBlocksOfPair : 1;
 }
