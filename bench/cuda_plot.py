@@ -186,7 +186,19 @@ SWEEPS = {
     "body_resolution": ("Resolution", "side of the square image, px"),
     "body_views": ("Views of a batch", "views"),
 }
-STYLES = ("-", "--", ":")
+STYLES = ("-", "--", ":", "-.")
+
+
+def styled(here: list[Row]) -> list[tuple[str, str]]:
+    """A line style for each kind of a panel.
+
+    Raises:
+        ValueError: there are more kinds than styles.
+    """
+    kinds = [kind for (kind,) in distinct(here, "kind")]
+    if len(kinds) > len(STYLES):
+        raise ValueError(f"a panel has {len(STYLES)} line styles, not one for each of {', '.join(kinds)}")
+    return list(zip(STYLES, kinds, strict=False))
 
 
 def name_of(row: Row) -> str:
@@ -199,8 +211,7 @@ def curve(rows: Iterable[Row]) -> list[tuple[float, float, float, float]]:
 
 
 def scaling_panel(axes: Axes, here: list[Row], names: list[str]) -> None:
-    kinds = [kind for (kind,) in distinct(here, "kind")]
-    for style, kind in zip(STYLES, kinds, strict=False):
+    for style, kind in styled(here):
         for name in names:
             points = curve(row for row in where(here, kind=kind) if name_of(row) == name)
             if not points:
@@ -215,7 +226,7 @@ def scaling_panel(axes: Axes, here: list[Row], names: list[str]) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(alpha=0.3)
-    handles = [Line2D([], [], color="0.3", ls=style, lw=1.2, label=kind) for style, kind in zip(STYLES, kinds, strict=False)]
+    handles = [Line2D([], [], color="0.3", ls=style, lw=1.2, label=kind) for style, kind in styled(here)]
     axes.legend(handles=handles, frameon=False, fontsize=7.5, loc="best")
 
 
@@ -223,7 +234,7 @@ def mark_crossovers(axes: Axes, here: list[Row]) -> None:
     """A line and a label where another of bin_owned's paths becomes the fastest, for each kind."""
     height = 0.02
     marked: list[tuple[float, str, str]] = []
-    for style, (kind,) in zip(STYLES, distinct(here, "kind"), strict=False):
+    for style, kind in styled(here):
         mine = where(here, kind=kind)
         x = sorted({float(row["x"]) for row in mine})
         at = {(name_of(row), float(row["x"])): float(row["us_median"]) for row in mine}

@@ -880,6 +880,13 @@ def test_crossovers() -> None:
     assert plot.crossovers([1], {"a": [None]}) == []
 
 
+def test_a_panel_has_no_more_kinds_than_line_styles() -> None:
+    plot = pytest.importorskip("matplotlib") and importlib.import_module("cuda_plot")
+    assert [kind for _, kind in plot.styled([{"kind": kind} for kind in "abcda"])] == list("abcd")
+    with pytest.raises(ValueError, match="4 line styles, not one for each of a, b, c, d, e"):
+        plot.styled([{"kind": kind} for kind in "abcde"])
+
+
 def test_pictures_are_made(tmp_path: Path) -> None:
     plot = pytest.importorskip("matplotlib") and importlib.import_module("cuda_plot")
     rows = [

@@ -30,7 +30,7 @@ constexpr int64_t kRegionsAllowed[] = {0, 4, 8, kRegion, -1};
     kMostWarps, kWarpsAllowed)                                                                                        \
   X(region, "px",                                                                                                     \
     "rows of a warp's 16 px wide region, where triangles are few; 0: 4 in images of up to 2^17 px, 8 up to 2^20, "    \
-    "else 16",                                                                                                        \
+    "else 16; of 16 warps 4 from 2^18 to 327,680 too",                                                                \
     0, 0, kRegion, kRegionsAllowed)                                                                                   \
   BIGTRI_BLOCKS_PARAMETER(X)                                                                                          \
   X(entries, "records", "that a block draws together, at most 22 for each of its warps", kMostEntries, 1,             \
