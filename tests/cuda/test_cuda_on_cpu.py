@@ -808,8 +808,8 @@ def test_triangles_that_make_one_turn_are_shared_out_to_the_whole_device() -> No
 
 
 def test_what_touches_many_bins_is_looked_at_for_all_unless_views_are_many() -> None:
-    """Six records of each view, of 65 bins. Of those in lists the first of a view finds room, and 26 of 96 are neither that nor among
-    the first 64, which blocks look at for all bins anyway."""
+    """Six records of each view, of 65 bins. The first 64 blocks look at for all bins anyway, and of those in lists the first of a
+    view finds room: 26 of 96 are neither."""
     corners = np.tile([[0, 0], [65 * 64, 0], [0, 500]], (6, 1, 1))
     case = from_pixels(corners, np.linspace(0.1, 0.8, 18).reshape(6, 3), (64, 65 * 64))
     for views, full in ((15, 0), (16, 26 * 65)):
