@@ -711,6 +711,12 @@ def test_a_team_shares_out_few_rows_evenly() -> None:
         found = counted(case, "bin_owned", {"few": 0, "share": 4, "team": team})
         assert np.count_nonzero(found.blocks) == blocks, (side, team)
         assert found.of["rows"] == counted(case, "bin_owned", {"few": 0, "team": 1}).of["rows"], "none is drawn twice"
+    # Of more each takes 32: a block every fourth triangle here, of which only these are wide.
+    for count, alone in ((17, True), (16, False)):
+        size = np.where(np.arange(count) % 4 == 0, 40, 2)[:, None, None] * [1, 0] + [0, 32]
+        case = from_pixels(5 + size * np.array(SHAPE), np.full((count, 3), 0.5), (100, 100))
+        blocks = counted(case, "bin_owned", {"few": 0, "share": 32, "team": 4}).blocks
+        assert (blocks.max() > 0.8 * blocks.sum()) == alone, blocks[:4]
 
 
 @pytest.mark.parametrize(
