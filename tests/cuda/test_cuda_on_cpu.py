@@ -697,7 +697,7 @@ def test_few_triangles_are_drawn_by_a_team() -> None:
     ],
 )
 def test_regions_are_low_in_small_images(resolution: tuple[int, int], count: int, region: int) -> None:
-    corners = np.full((count, 3, 2), 5) + 200 * np.array(SHAPE)
+    corners = np.full((count, 3, 2), 5) + 60 * np.array(SHAPE)
     case = from_pixels(corners, np.linspace(0.1, 0.9, 3 * count).reshape(count, 3), resolution)
     of = {of: counted(case, "bin_owned", {"region": of}).of for of in (4, 8, 16)}
     assert of[4] != of[8] != of[16]
