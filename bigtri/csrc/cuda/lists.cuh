@@ -53,7 +53,8 @@ Waiting take_waiting(Scratch* scratch, const Frame& f, int64_t queue, int64_t ro
   // lists together would take too much.
   const int64_t bins = (int64_t)w.bins * f.views;
   w.list_room = (int)max_of<int64_t>(1, min_of<int64_t>(queue / 256, kListBytes / (int64_t)sizeof(uint32_t) / bins));
-  // An atomic for each bin, against a look for each bin of the image; of a batch, of all views.
+  // An atomic for each of its bins, against a look for each bin of the image. Of a batch blocks look at it for all views' bins,
+  // one turn after the other, so that a look costs more than where each has one turn.
   w.common_above = (int)max_of<int64_t>(64, f.views > 1 ? bins / 16 : bins / 64);
   w.records = scratch->take<Record>(room);
   w.slivers = scratch->take<Record>(room);

@@ -280,11 +280,11 @@ __device__ __forceinline__ int cell_bits(const RowTriangle& r) {
 __device__ __forceinline__ int rows_of(const RowTriangle& r) { return r.rows() << cell_bits(r); }
 
 // So few rows that with 32 at a time many of the warps that share them would have none: large triangles' rows, with many pixels.
-// Then each takes 16 or so; a turn of one takes as long to begin as one of 32.
+// Of 32 warps each then takes 16; a turn of one row takes as long to begin as one of 32.
 constexpr int kFewRows = 16 * kWarp;
 
 // Draws `count` triangles, at most 32, onto a view of this width that the kernels in front have cleared: of their rows from
-// `first` on the part-th of 2^log_parts parts, 32 at a time in turns; kEvenly: fewer of kFewRows, if there are 16 parts or more.
+// `first` on the part-th of 2^log_parts parts, 32 at a time in turns; kEvenly: up to kFewRows in one turn, an equal share a part.
 // kLeaves: only those of the first triangles, whose bboxes have no more than `most` pixels together; returns the first row that
 // is left, or -1 if there is none. By all lanes.
 template <bool kLeaves, bool kEvenly = false>

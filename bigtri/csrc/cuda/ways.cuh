@@ -81,7 +81,8 @@ struct Sharing {
 };
 
 // Pixels of the image, or of all views, for each triangle: up to the first number nearly all triangles of a mesh cover
-// none, up to the second most, from the third on some may be large, from the fourth on many, from the fifth on most.
+// none, up to the second most, from the third on some may be large, from the fourth on many, from the fifth on
+// most; of several views, whose blocks all have something to do, from the last on.
 constexpr double kLeastPixels = 0.4, kTinyPixels = 0.8, kSmallPixels = 16, kMiddlePixels = 64, kLargePixels = 24 << 10,
                  kLargePixelsOfViews = 10 << 10;
 inline double pixels_each(const Frame& f) {
@@ -219,8 +220,8 @@ inline int widest_rows(const Frame& f, const Sharing& s, int64_t wanted) {
 // RowLimits::most_large where what waits is drawn by patches, which cost little for each pixel, but much to begin with.
 // The smaller the image, the fewer patches draw at once, and the more triangles each of them draws one after the other.
 // Nor do they pay where samples that have large ones have, for each triangle, less than half of what the image has for each: a
-// mesh of few triangles, all of which are large. Since that tells such meshes from layers, less is enough in teams. It is where
-// several views keep all blocks busy, if samples have more than the image: layers.
+// mesh of few triangles, all of which are large. Since that tells such meshes from layers, less is enough in teams; and
+// in batches, which have patches for all blocks, where samples have more than the image has for each triangle: layers.
 constexpr double kMostLarge = 1800, kMostLargeOfTeam = 1300, kLeastLargeOfViews = 1000;  // px for each, of any image
 constexpr double kMostLargeOfImage = 3.2e8;  // what a smaller image adds, times its pixels
 constexpr double kLeastLayers = 0.5;
